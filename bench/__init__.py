@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from calibench.core.lazy import loader, public_names
 
 if TYPE_CHECKING:
-    from calibench.bench.discovery.schema import report_schema
+    from calibench.bench.discovery.store import report_schema
     from calibench.bench.execution.costly import ReplayFolder, forget_replay
     from calibench.bench.execution.in_progress import publishing
     from calibench.bench.execution.run import Run, Spec, execute
@@ -30,7 +30,7 @@ _HOMES = {
     "BudgetExhausted": "gate.evaluator", "Evaluator": "gate.evaluator", "ReplayFolder": "execution.costly",
     "ResultStore": "store.runs", "Run": "execution.run", "Spec": "execution.run", "execute": "execution.run",
     "forget_replay": "execution.costly", "publishing": "execution.in_progress", "read_measured": "measured",
-    "report_schema": "discovery.schema", "write_measured": "measured", "studies": "tracking.catalogue",
+    "report_schema": "discovery.store", "write_measured": "measured", "studies": "tracking.catalogue",
     "dataset": "tracking.tables",
 }  # fmt: skip
 

@@ -85,28 +85,19 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
                                                        them, of files that are yours
 """
 _VERBS = {  # file of `bench.commands`, function
-    "list": "list:run", "run": "run:run", "identify": "identify:run", "status": "status:run",
-    "merge": "study:merge_studies", "compare": "compare:run", "choose": "choose:run", "collect": "study:collect",
-    "report": "report:report", "export": "exchange:export", "import": "exchange:import_study", "show": "study:show",
+    "list": "list:run", "run": "run:run", "identify": "run:identify", "status": "study:status",
+    "merge": "study:merge_studies", "compare": "compare:compare_studies", "choose": "compare:choose_setting",
+    "collect": "study:collect", "report": "report:report", "export": "exchange:export",
+    "import": "exchange:import_study", "show": "study:show",
     "studies": "tracking:list_studies", "sql": "tracking:sql", "note": "tracking:note", "tag": "tracking:tag",
     "archive": "tracking:archive", "delete": "tracking:delete_study", "history": "tracking:history",
     "pack": "tracking:pack_study", "unpack": "tracking:unpack_study", "ui": "tracking:ui",
     "doctor": "doctor:doctor", "paper": "paper:run",
     "discover": "discover:discover", "calibrate": "calibrate:run", "design": "discover:design",
 }  # fmt: skip
-_READING = (  # take --trust
-    "status",
-    "merge",
-    "compare",
-    "choose",
-    "collect",
-    "report",
-    "export",
-    "import",
-    "show",
-    "history",
-    "pack",
-)
+_READING = {  # take --trust
+    "status", "merge", "compare", "choose", "collect", "report", "export", "import", "show", "history", "pack",
+}  # fmt: skip
 
 
 def command() -> None:

@@ -164,6 +164,12 @@ def read_workers(value: Any) -> int:
     return workers
 
 
+def split_word(argv: list[str], key: str) -> tuple[list[str], list[str]]:
+    """Return what follows the word `key` (one word, or none), and all other words."""
+    at = argv.index(key) if key in argv else len(argv)
+    return argv[at + 1 : at + 2], argv[:at] + argv[at + 2 :]
+
+
 def split_flags(argv: list[str], known: Iterable[str]) -> tuple[set[str], list[str]]:
     """Return the flags and the other words; an unknown flag is an error."""
     flags = {word for word in argv if word.startswith("-")}

@@ -20,7 +20,7 @@ SECONDS, BYTES = 20, 10**9  # of processor time and of memory that any command m
 _MODULES = (  # what the verbs import as they are called
     "cli", "measured.files", "discovery.batch", "discovery.page.page", "calibration.request", "commands.list",
     "commands.discover", "sweep.carry_out", "commands.calibrate",
-    "commands.identify", "commands.run", "commands.exchange", "exchange.ioh",
+    "commands.run", "commands.exchange", "exchange.ioh",
 )  # fmt: skip
 
 

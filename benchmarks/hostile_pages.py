@@ -37,7 +37,7 @@ from calibench import bench, optimizers
 from calibench.bench.cli import main as command
 from calibench.bench.measured.files import read_measured, write_measured
 from calibench.bench.papers import page as ledger
-from calibench.bench.papers.row import Row
+from calibench.bench.papers.ledger import Row
 from calibench.bench.report.study.write import write_report
 from calibench.bench.store.runs import ResultStore
 from calibench.problems import Parameter

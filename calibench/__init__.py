@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from calibench import bench, calibration, discrepancy, optimizers, plot, problems, testing
-    from calibench.bench.discovery.from_python import discover
+    from calibench.bench.discovery.batch import discover
     from calibench.bench.execution.run import execute
     from calibench.bench.report.from_python import answer
     from calibench.bench.store.runs import ResultStore
-    from calibench.bench.sweep.from_python import sweep
+    from calibench.bench.sweep.carry_out import sweep
     from calibench.calibration.api import calibrate, design, hand_eye
     from calibench.problems.identifiability import identify
 
@@ -31,10 +31,10 @@ _HOMES = {
     "ResultStore": "calibench.bench.store.runs",
     "answer": "calibench.bench.report.from_python",
     **dict.fromkeys(("calibrate", "design", "hand_eye"), "calibench.calibration.api"),
-    "discover": "calibench.bench.discovery.from_python",
+    "discover": "calibench.bench.discovery.batch",
     "execute": "calibench.bench.execution.run",
     "identify": "calibench.problems.identifiability",
-    "sweep": "calibench.bench.sweep.from_python",
+    "sweep": "calibench.bench.sweep.carry_out",
 }
 
 if not (_folder := Path(__file__).parent).joinpath("bench").is_dir():  # a clone without links, as Windows makes them:

@@ -42,11 +42,7 @@ def calibrate(
         camera = Setup(hand_eye=hand_eye, read=read, rotation=orders, board_scale=board_scale)
     table = table_of(readings, columns=columns, units=units, names=names, name=name)
     how = HowRead(observe, rotation, limits)
-    arm = (
-        urdf_or_table
-        if isinstance(urdf_or_table, Arm)
-        else read_arm(Path(urdf_or_table), convention=convention, base=base, tip=tip, option="", data=table, how=how)
-    )
+    arm = read_arm(urdf_or_table, convention=convention, base=base, tip=tip, option="", data=table, how=how)
     return calibrate_arm(
         arm, table, how=how, distance=distance, sigma_distance=sigma_distance, level=level, resamples=resamples,
         priors=priors, camera=camera,
@@ -70,11 +66,7 @@ def design(
     """
     how, start = HowRead(observe, rotation), None
     table = None if readings is None else table_of(readings, columns=columns, units=units, names=names)
-    arm = (
-        urdf_or_table
-        if isinstance(urdf_or_table, Arm)
-        else read_arm(Path(urdf_or_table), convention=convention, base=base, tip=tip, option="", data=table, how=how)
-    )
+    arm = read_arm(urdf_or_table, convention=convention, base=base, tip=tip, option="", data=table, how=how)
     if table is not None:
         start = how.start(table, arm.chain)
     return design_poses(

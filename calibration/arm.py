@@ -90,14 +90,17 @@ class Arm:
 
 
 def read_arm(
-    path: Path, *, table: bool | None = None, convention: str = "", base: str = "", tip: str = "",
+    path: str | Path | Arm, *, table: bool | None = None, convention: str = "", base: str = "", tip: str = "",
     option: str = "machine.", data: Table | None = None, how: HowRead | None = None,
 ) -> Arm:  # fmt: skip
     """Return the arm that a file describes: a `table` if that is said, or if the file's ending is one of tables.
 
-    Raises `ChainError`. Where a table's convention is not stated, the refusal says as which one `data` fit.
+    An `Arm` is one. Raises `ChainError`. Where a table's convention is not stated, the refusal says as which one `data`
+    fit.
     """
-    path = path.expanduser()
+    if isinstance(path, Arm):
+        return path
+    path = Path(path).expanduser()
     if not (path.suffix.lower() in _TABLES if table is None else table):
         text = urdf_text(path)
         robot = parse_urdf(text, str(path), option)

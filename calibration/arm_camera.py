@@ -6,8 +6,9 @@ a board lying still is one too, read from its own end: its pose in the board's f
 arm's poses.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,6 +23,7 @@ from calibench.calibration.kinematics import Chain, forward, nominal
 from calibench.calibration.readings import Table, readable
 from calibench.calibration.rigid import Array, inverse, vector_of
 from calibench.core.notes import DataError, Note, once
+from calibench.core.words import as_units
 
 
 def as_readings(table: Table, chain: Chain, setup: Setup) -> Table:
@@ -29,7 +31,7 @@ def as_readings(table: Table, chain: Chain, setup: Setup) -> Table:
 
     Raises `DataError`, in one line.
     """
-    sides = {name: side_of(name) for name in table.columns}
+    sides = {name: side_of(name)[0] for name in table.columns}
     if not {"board", "camera"} & set(sides.values()):
         raise DataError(
             f"{table.name}: no pose of the board is found among {', '.join(table.columns)}: board_x, board_y, board_z "
@@ -50,8 +52,8 @@ def as_readings(table: Table, chain: Chain, setup: Setup) -> Table:
             _pairs(table, chain, np.where(degrees, np.deg2rad(joints), joints), setup)
         except DataError:
             raise error from None
-        words = ",".join(f"{name}:deg" for name, turns in zip(columns, degrees, strict=True) if turns)
-        text = f"{table.name}: the board's poses fit the arm with its joints in degrees: units={words}"
+        angles = [name for name, turns in zip(columns, degrees, strict=True) if turns]
+        text = f"{table.name}: the board's poses fit the arm with its joints in degrees: {as_units(angles, 'deg')}"
         raise DataError(text) from None
     if setup.hand_eye == "eye_in_hand":
         seen = np.asarray(inverse(seen))
@@ -77,7 +79,7 @@ def _pairs(table: Table, chain: Chain, joints: Array, setup: Setup) -> tuple[Pai
     named = dict(zip((f"flange_{axis}" for axis in (*POSITION, *QUATERNION)), flange.T, strict=True))
     camera = {
         name: column for name, column in table.columns.items()
-        if side_of(name) in ("board", "camera") or name in ("split", "valid")
+        if side_of(name)[0] in ("board", "camera") or name in ("split", "valid")
     }  # fmt: skip
     units: Mapping[str, str] = {**table.units, **dict.fromkeys([*named][:3], "mm")}
     pairs = read_pairs(replace(table, columns={**named, **camera}, units=units), setup, {})
@@ -103,16 +105,11 @@ def frames_of_fit(arm: Arm, fit: Fit, draws: Array, mounting: Mounting) -> tuple
     for child, (parent, poses) in zip(
         ("camera", "board"), ends if mounting == "eye_in_hand" else ends[::-1], strict=True
     ):
-        off = np.column_stack([
-            poses[1:, :3, 3] - poses[0, :3, 3], vector_of(poses[1:, :3, :3] @ poses[0, :3, :3].T)
-        ])  # fmt: skip
-        frames.append(frame_of(parent, child, poses[0], _spread_of(np.cov(off.T) / (1 - fit.spent))))
+        off = np.column_stack([poses[1:, :3, 3] - poses[0, :3, 3], vector_of(poses[1:, :3, :3] @ poses[0, :3, :3].T)])
+        frames.append(frame_of(parent, child, poses[0], partial(_spread, np.cov(off.T) / (1 - fit.spent))))
     return frames[0], frames[1]
 
 
-def _spread_of(covariance: Array) -> Callable[[Array], tuple[Array, Array]]:
-    def spread(slopes: Array) -> tuple[Array, Array]:
-        se = np.sqrt(np.einsum("mi,ij,mj->m", slopes, covariance, slopes))
-        return se, norm.ppf(0.975) * se
-
-    return spread
+def _spread(covariance: Array, slopes: Array) -> tuple[Array, Array]:
+    se = np.sqrt(np.einsum("mi,ij,mj->m", slopes, covariance, slopes))
+    return se, norm.ppf(0.975) * se

@@ -24,7 +24,6 @@ from calibench.calibration.determined import LEVELS, information_of, is_length, 
 from calibench.calibration.fit import Fit, HeldOut
 from calibench.calibration.frames import stepped
 from calibench.calibration.kinematics import forward, nominal
-from calibench.calibration.loads import torques
 from calibench.calibration.loci import PLANE
 from calibench.calibration.model import KNOWN_TO, ArmModel, model_of
 from calibench.calibration.normal import normal_blocks, root_of
@@ -32,6 +31,7 @@ from calibench.calibration.poses import foretold, ranges
 from calibench.calibration.readings import Readings, Table, joints_beside, poses_of
 from calibench.calibration.rigid import Array, Index, Mask, rpy_of
 from calibench.calibration.start import DOUBTFUL, HowRead
+from calibench.calibration.walk import torques
 from calibench.core.notes import Code, DataError, Note, once
 from calibench.core.plain import finite
 from calibench.core.process import one_thread
@@ -356,10 +356,13 @@ def calibrate_arm(
     frames = None if camera is None else arm_camera.frames_of_fit(arm, fit, draws, camera.hand_eye)
     size = fitting.norms(model.errors(fit.p, np.where(wild, 0.0, 1.0)))
     worst_first = sorted(np.flatnonzero(wild), key=lambda i: -size[i])
+    counts = [len(readings), int(train.sum())]
+    if readings.targets or readings.loci is not None:  # each pose is as many readings
+        counts = [len(np.unique(joints, axis=0)) for joints in (readings.joints, readings.joints[train])]
     return Calibration(
         case=table.name, arm=arm, readings=readings, fit=fit, source=chain.source, observed=readings.observed,
         base=chain.base, tip=chain.tip, joints=chain.driven,
-        poses=_poses_in(readings), fitted=_poses_in(readings.where(train)), folds=folds, chosen=chosen,
+        poses=counts[0], fitted=counts[1], folds=folds, chosen=chosen,
         tolerance=fit.model.tolerance, levels=tuple(levels.values()), before=levels["frames"],
         after=levels[chosen], error_before=levels["frames"].rms, error_after=levels[chosen].rms,
         changes=_changes_of(arm, fit, draws), undetermined=_undetermined_of(fit, fits["geometry"]),
@@ -371,25 +374,20 @@ def calibrate_arm(
     )  # fmt: skip
 
 
-def _poses_in(readings: Readings) -> int:
-    """Return how many poses were read; of several targets each pose is as many readings."""
-    several = readings.targets or readings.loci is not None
-    return len(np.unique(readings.joints, axis=0)) if several else len(readings)
-
-
 def _frames_of(model: ArmModel, p: Array, readings: Readings) -> dict[str, tuple[float, ...]]:
     """Return the base in the tracker's frame, and the target on the tip with the places of further ones beside it."""
     base, tool = model.chain.mount @ placement(p[:6]), model.chain.tool @ placement(p[-6:])
     if model.position is None:
         return {"target": (*tool[:3, 3].tolist(),)}
     frames = {name: (*frame[:3, 3], *rpy_of(frame)) for name, frame in (("base", base), ("target", tool))}
+    _, places, _, of_fixtures = model.parts(p)
     if model.loci is not None:
-        for name, frame in model.loci.frames(model.loci_numbers(p)).items():
+        for name, frame in model.loci.frames(of_fixtures).items():
             there = np.linalg.inv(base) @ frame
             frames[name] = (*there[:3, 3].tolist(), *(there[:3, 2].tolist() if name.startswith("plane") else ()))
-        if not model.loci.tell_base(model.position):
-            del frames["base"]
-    for name, place in zip(readings.targets[1:], model.places(p)[1:], strict=False):
+        if not np.isfinite(model.position).any() and not any(one.stated for one in model.loci.fixtures):
+            del frames["base"]  # nothing was read in a frame of its own
+    for name, place in zip(readings.targets[1:], places[1:], strict=False):
         frames[f"target {name}"] = (*(tool[:3, :3] @ place + tool[:3, 3]).tolist(),)
     return frames
 
@@ -440,7 +438,6 @@ def _notes(
     levels: Mapping[str, Error], fit: Fit, chosen: str, model: ArmModel, readings: Readings, without_gains: float,
     judged: Mapping[str, HeldOut], wild: Mask,
 ) -> Iterable[Note]:  # fmt: skip
-    """Yield what the owner of the arm has to know of the errors and of what was read."""
     source = model.chain.source
     count = int((wild & np.isfinite(judged[chosen].position)).sum())
     if count:  # they may be no mishaps, but what is wrong with the arm

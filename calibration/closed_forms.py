@@ -66,13 +66,14 @@ def closed_forms(found: Adjustment) -> tuple[ClosedForm, ...]:
     some = np.zeros(len(found.wild), dtype=bool)
     some[::every] = True
     near = some & ~found.wild
-    arm = found.sight.moved(found.offset)
+    arm, seen = found.sight.moved(found.offset), found.sight.seen.copy()
+    seen[:, :3, 3] /= found.scale
     drawn = _drawn(found, near)
     made = []
     for name, solve in FORMS.items():
         try:
-            whole, kept = (_away(found, solve(arm[one], _seen(found, one))) for one in (some, near))
-            by_noise = np.array([_away(found, solve(arm[near], seen)) for seen in drawn])
+            whole, kept = (_away(found, solve(arm[one], seen[one])) for one in (some, near))
+            by_noise = np.array([_away(found, solve(arm[near], board)) for board in drawn])
         except np.linalg.LinAlgError:
             continue
         rms = np.sqrt((by_noise**2).sum(axis=2).mean(axis=0))
@@ -90,7 +91,8 @@ def park_martin(arm: Array, seen: Array) -> Array:
 def tsai_lenz(arm: Array, seen: Array) -> Array:
     """Return X of A X = X B by vectors of 2 sin(angle / 2): skew(P_A + P_B) P = P_B - P_A, P of tan(angle / 2)."""
     a, b = _motions(arm), _motions(seen)
-    p, q = (_half_sines(vector_of(one[:, :3, :3])) for one in (a, b))
+    vectors = [vector_of(one[:, :3, :3]) for one in (a, b)]
+    p, q = (v * np.sinc(np.linalg.norm(v, axis=1, keepdims=True) / (2 * np.pi)) for v in vectors)
     rows = -np.cross((p + q)[:, None, :], np.eye(3)[None])
     half = np.linalg.lstsq(rows.reshape(-1, 3), (q - p).ravel(), rcond=None)[0]
     size = float(np.linalg.norm(half))
@@ -125,23 +127,12 @@ def _motions(poses: Array) -> Array:
     return np.asarray(poses[second] @ inverse(poses[first]))
 
 
-def _half_sines(vectors: Array) -> Array:
-    angles = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(vectors * np.sinc(angles / (2 * np.pi)))
-
-
 def _placed(a: Array, b: Array, turn: Array) -> Array:
     """Return X with the rotation `turn`, at (R_A - 1) x = turn b - a."""
     rows, wanted = a[:, :3, :3] - np.eye(3), b[:, :3, 3] @ turn.T - a[:, :3, 3]
     made = np.eye(4)
     made[:3, :3], made[:3, 3] = turn, np.linalg.lstsq(rows.reshape(-1, 3), wanted.ravel(), rcond=None)[0]
     return made
-
-
-def _seen(found: Adjustment, some: Mask) -> Array:
-    seen = found.sight.seen[some].copy()
-    seen[:, :3, 3] /= found.scale
-    return seen
 
 
 def _away(found: Adjustment, camera: Array) -> tuple[Array, Array]:

@@ -76,20 +76,8 @@ _NOT_MEASURED = {
 }  # fmt: skip
 _SAID = {"actual", "measured", "meas", "feedback", "encoder", "position", "pos", "angle", "state", "value", "q"}
 _STEMS = {
-    "q",
-    "j",
-    "joint",
-    "axis",
-    "achse",
-    "gelenk",
-    "a",
-    "theta",
-    "angle",
-    "joints",
-    "jointangle",
-    "actualq",
-    "column",
-}
+    "q", "j", "joint", "axis", "achse", "gelenk", "a", "theta", "angle", "joints", "jointangle", "actualq", "column",
+}  # fmt: skip
 _PLACES = ("xyz", "position", "pos", "place", "point", "p")
 _LISTED = 20  # joints or columns that a refusal names
 _UNIT = re.compile(r"(.*[a-z0-9])[_ .-](mm|cm|um|m|inch|in|deg|degrees|rad|mrad)", re.IGNORECASE)
@@ -253,11 +241,9 @@ def _joint_columns(names: Sequence[str], joints: Sequence[str], door: _Door) -> 
         counted = ([*range(len(joints))], [*range(1, len(joints) + 1)])
         numbered = [[row[k] for k in sorted(row)] for row in rows.values() if sorted(row) in counted]
         if len(numbered) > 1:
-            rows_named, how = (
-                [f"{row[0]} to {row[-1]}" for row in numbered],
-                door.column(f"q_{joints[0]}", numbered[0][0]),
-            )
-            raise ValueError(f"{' and '.join(rows_named)} could be the {len(joints)} joints; {how}")
+            rows_named = " and ".join(f"{row[0]} to {row[-1]}" for row in numbered)
+            how = door.column(f"q_{joints[0]}", numbered[0][0])
+            raise ValueError(f"{rows_named} could be the {len(joints)} joints; {how}")
         if numbered:
             row = numbered[0]
             text = f"{row[0]} to {row[-1]} are taken for {', '.join(joints)}, in this order"
@@ -342,7 +328,9 @@ def _measured_columns(names: Sequence[str], door: _Door) -> tuple[dict[str, dict
     whole = {key: group for key, group in whole.items() if key not in fixed} or whole
     if ("", "") in whole:  # called by the names of ours
         whole = {("", ""): whole["", ""]}
-    if len(whole) > 1 and (len({_unnumbered(key) for key in whole}) > 1 or _unnumbered(next(iter(whole))) in whole):
+    # targets of one rig are called alike but for a number: ("smr #", "") of smr 1 and smr 2
+    alike = [(re.sub(r"\d+", "#", before), "#" if number else "") for before, number in whole]
+    if len(whole) > 1 and (len({*alike}) > 1 or alike[0] in whole):
         of_x = [group["x"] for group in whole.values()]
         how = f"{door.column('x', of_x[0])}, and y and z alike"
         raise ValueError(f"{' and '.join(of_x)} could both be the measured x; {how}")
@@ -363,11 +351,6 @@ def _measured_columns(names: Sequence[str], door: _Door) -> tuple[dict[str, dict
     }
     figaroh = group["x"] == "x1" and TARGET not in names and (len(whole) == 1 or bool(wanted))
     return targets, {axis: group[axis] for axis in wanted}, figaroh
-
-
-def _unnumbered(key: tuple[str, str]) -> tuple[str, str]:
-    """Return what targets of one rig are called alike: ("smr #", "") of smr 1 and smr 2."""
-    return re.sub(r"\d+", "#", key[0]), "#" if key[1] else ""
 
 
 def _plain(name: str) -> str:

@@ -53,12 +53,12 @@ def gauge(chain: kinematics.Chain, readings: kinematics.Compared) -> tuple[str, 
         alike |= {f"base_{one}" for one in kinematics.PLACEMENT}
         offered = [name for name in offered if name not in alike]
 
-    names, units = kinematics.parameter_names(chain), kinematics.parameter_units(chain)
-    template = kinematics.nominal(chain)
+    units, template = kinematics.parameter_units(chain), kinematics.nominal(chain)
+    names = list(units)
     free = np.array([names.index(name) for name in offered], dtype=np.int64)
     slopes = kernels.jacobian(template[free], *kinematics.constants(chain, readings, template, free, np.inf))
     arm = max(reach(chain), 1.0)
-    scale = np.array([1.0 if units[k] == "mm" else 1.0 / arm for k in free])
+    scale = np.array([1.0 if units[name] == "mm" else 1.0 / arm for name in offered])
     kept = {offered[k] for k in independent_columns(slopes * scale, DISTINCT)}
     return tuple(name for name in names if name in kept)
 

@@ -589,5 +589,4 @@ def urdf_of_dh(table: DhTable, comment: str = "", used: Mapping[str, tuple[float
 
 
 def _free(name: str, taken: Sequence[str]) -> str:
-    """Return a name that is not `taken`."""
     return _free(f"{name}_", taken) if name in taken else name

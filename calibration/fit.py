@@ -22,7 +22,7 @@ from calibench.core.words import plain
 _ROUNDS, _SAME = 8, 0.02  # until the noise that is left changes by less
 _WILD = 6.0  # times the median error: a reading beyond is wild; noise alone has one in 10^9 poses
 _FLOOR, _NONE = 1e-9, 1e-12
-_KNOWN, _AGAIN = 30.0, 3
+_KNOWN = 30.0
 _MOST, _MOST_IN_SOCKETS = 0.35, 0.2  # part of the readings that may be wild; more than that is no accident
 
 
@@ -78,7 +78,13 @@ def fit_arm(model: ArmModel, order: Sequence[int], start: Array | None = None) -
         if far.mean() <= (_MOST_IN_SOCKETS if model.position is None else _MOST):  # else they cannot be exceptions
             wild = far
         settled = np.allclose(sigma, model.sigma, rtol=_SAME, atol=0.0)
-        model = _with_scatter(replace(model, sigma=(sigma[0], sigma[1])), p, np.where(wild, 0.0, 1.0))
+        model = replace(model, sigma=(sigma[0], sigma[1]))
+        if model.position is None:  # a scatter for each socket: errors that no geometry explains differ by place
+            weights = np.where(wild, 0.0, 1.0)
+            square = weights * (model.errors(p, weights)[0] ** 2).sum(axis=1)
+            count, usual = np.bincount(model.socket, weights), model.sigma[0] ** 2
+            scatter = (np.bincount(model.socket, square) + _KNOWN * usual) / (3 * np.maximum(count - 1, 0) + _KNOWN)
+            model = replace(model, scatter=np.sqrt(scatter / usual)[model.socket])
         if turn and np.array_equal(wild, before) and settled:
             break  # the noise decides what is wild, and what is wild decides the noise
 
@@ -105,24 +111,14 @@ def refit(fit: Fit, p: Array | None = None) -> Fit:
     return replace(fit, p=p, covariance=covariance)
 
 
-def fit_from(fit: Fit, keep: Mask) -> Array:
-    """Return the parameters of a fit to the poses of `keep` (n,) alone, by steps from a fit to all of them."""
-    model, weights = fit.model.at(keep), fit.weights[keep]
-    p = _adjust(model, fit.p, fit.kept, weights, soft=False)
-    for _ in range(_AGAIN if model.position is None else 0):  # these sockets by what they leave themselves
-        model = _with_scatter(model, p, weights)
-        p = _adjust(model, p, fit.kept, weights, soft=False)
-    return p
-
-
 def norms(errors: tuple[Array, Array | None]) -> Array:
     """Return the length of the position errors, (n,) [mm]."""
     return np.asarray(np.sqrt((errors[0] ** 2).sum(axis=1)))
 
 
-def _adjust(model: ArmModel, p: Array, kept: Index, weights: Array, soft: bool, begin: Array | None = None) -> Array:
-    """Return the least squares solution by Levenberg's damping; what is not `kept` is as in `begin`, or in `p`."""
-    held = (p if begin is None else begin).copy()
+def _adjust(model: ArmModel, p: Array, kept: Index, weights: Array, soft: bool, begin: Array) -> Array:
+    """Return the least squares solution by Levenberg's damping; what is not `kept` is as in `begin`."""
+    held = begin.copy()
     held[kept] = p[kept]
     p = held
     if not len(kept):
@@ -130,7 +126,11 @@ def _adjust(model: ArmModel, p: Array, kept: Index, weights: Array, soft: bool, 
     wanted, information = model.wanted[kept], information_of(model)[kept]
 
     def value_of(p: Array) -> float:
-        return _value(model, p, weights, soft) + float(information @ (p[kept] - wanted) ** 2)
+        over, more = model.residuals(p, weights)
+        square = (over**2).sum(axis=1)
+        loss = weights @ (2 * (np.sqrt(1 + square / 9) - 1) * 9 if soft else square)
+        value = float(loss + more @ more)
+        return (value if np.isfinite(value) else np.inf) + float(information @ (p[kept] - wanted) ** 2)
 
     def equations(p: Array) -> tuple[Array, Array]:
         sums = normal_blocks(model, p, kept, weights, soft=soft)
@@ -159,24 +159,6 @@ def _by_kind(model: ArmModel, errors: Array, wild: Mask) -> tuple[Mask, Array, f
         usual = float(np.sqrt(chdtri(one % 4, 0.5)))  # the median length of so many unit normals
         noise[there] = max(float(np.median(size[there & ~wild])) / usual, _FLOOR)
     return np.asarray(size > _WILD * 1.538 * np.maximum(noise, 1e3 * _FLOOR)), noise / noise[0], float(noise[0])
-
-
-def _with_scatter(model: ArmModel, p: Array, weights: Array) -> ArmModel:
-    """Return the model with a separate scatter for each socket: errors that no geometry explains differ by place."""
-    if model.position is not None:
-        return model
-    square = weights * (model.errors(p, weights)[0] ** 2).sum(axis=1)
-    count, usual = np.bincount(model.socket, weights), model.sigma[0] ** 2
-    scatter = (np.bincount(model.socket, square) + _KNOWN * usual) / (3 * np.maximum(count - 1, 0) + _KNOWN)
-    return replace(model, scatter=np.sqrt(scatter / usual)[model.socket])
-
-
-def _value(model: ArmModel, p: Array, weights: Array, soft: bool) -> float:
-    over, more = model.residuals(p, weights)
-    square = (over**2).sum(axis=1)
-    loss = weights @ (2 * (np.sqrt(1 + square / 9) - 1) * 9 if soft else square)
-    value = float(loss + more @ more)
-    return value if np.isfinite(value) else np.inf
 
 
 FOLDS = 5  # of pairs of a camera
@@ -235,9 +217,9 @@ def _put(p: Array, model: ArmModel, there: Mask, position: Array, turned: Array)
     return part.spans(p, say) if part.position is None else np.zeros(0)
 
 
-def resample(fit: Fit, count: int, seed: int = 0) -> Array:
+def resample(fit: Fit, count: int) -> Array:
     """Return the kept parameters of `count` fits to poses drawn anew, (count, k); sockets are by themselves."""
-    rng = np.random.default_rng(np.random.SeedSequence([seed, len(fit.kept), len(fit.weights)]))
+    rng = np.random.default_rng(np.random.SeedSequence([0, len(fit.kept), len(fit.weights)]))
     if fit.model.position is None:
         return _resample_sockets(fit, count, rng)
     pose = poses_of(fit.model.joints) % _APART  # of more, some are drawn together

@@ -209,13 +209,10 @@ def stepped(rest: Array, seen: Array) -> tuple[int, float, float] | None:
     square = np.cumsum(rows.swapaxes(1, 2) @ rows, axis=0)
     pull = np.cumsum(np.einsum("nci,nc->ni", rows, rest), axis=0)
     ends = np.arange(_EDGE, n - _EDGE)
-    first, then = (
-        (square[ends - 1], pull[ends - 1, :, None]),
-        (square[-1] - square[ends - 1], pull[-1] - pull[ends - 1]),
-    )
-    before = np.linalg.pinv(first[0], hermitian=True) @ first[1]
-    after = np.linalg.pinv(then[0], hermitian=True) @ then[1][..., None]
-    shares = (before * first[1]).sum(axis=(1, 2)) + (after[..., 0] * then[1]).sum(axis=1)
+    first, then = pull[ends - 1, :, None], pull[-1] - pull[ends - 1]
+    before = np.linalg.pinv(square[ends - 1], hermitian=True) @ first
+    after = np.linalg.pinv(square[-1] - square[ends - 1], hermitian=True) @ then[..., None]
+    shares = (before * first).sum(axis=(1, 2)) + (after[..., 0] * then).sum(axis=1)
     best = int(np.argmax(shares))
     share = float(shares[best] / (rest**2).sum())
     if not share > _PLAIN:

@@ -16,19 +16,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm, t
 
+from calibench.calibration import hand_eye_start as begin
 from calibench.calibration.closed_forms import ClosedForm, closed_forms
 from calibench.calibration.fit import FOLDS, rms
-from calibench.calibration.hand_eye_fit import Adjustment, Sight, adjust, cross_validate, stands_of
-from calibench.calibration.hand_eye_start import (
-    Mounting,
-    Pairs,
-    Setup,
-    arm_poses,
-    in_step,
-    read_pairs,
-    start_of_pairs,
-    track_of,
-)
+from calibench.calibration.hand_eye_fit import Adjustment, Sight, adjust, again, stands_of
 from calibench.calibration.readings import Table, poses_of
 from calibench.calibration.rigid import Array, Mask, inverse, rpy_of
 from calibench.core.notes import Code, DataError, Note, once
@@ -72,7 +63,7 @@ class HandEye:
     """
 
     case: str
-    hand_eye: Mounting
+    hand_eye: begin.Mounting
     read: str
     pairs: int
     camera: Frame
@@ -299,10 +290,10 @@ _MANY = 0.1  # of the pairs: more outlying ones are no mishaps
 
 
 @one_thread()
-def calibrate_hand_eye(table: Table, setup: Setup, columns: Mapping[str, str] | None = None) -> HandEye:
+def calibrate_hand_eye(table: Table, setup: begin.Setup, columns: Mapping[str, str] | None = None) -> HandEye:
     """Return the frames of camera and board by the pairs of poses in `table`. Raises `ValueError`, in one line."""
     try:
-        pairs = read_pairs(table, setup, columns or {})
+        pairs = begin.read_pairs(table, setup, columns or {})
     except ValueError as error:
         text = str(error)
         raise DataError(text if text.startswith(table.name) else f"{table.name}: {text}") from None
@@ -313,16 +304,15 @@ def calibrate_hand_eye(table: Table, setup: Setup, columns: Mapping[str, str] | 
         raise DataError(f"{pairs.table.name}: {error}{also}", getattr(error, "note", None)) from None
 
 
-def _calibrate(read: Pairs, setup: Setup) -> HandEye:
-    pairs, offset = in_step(read, setup.hand_eye)
+def _calibrate(read: begin.Pairs, setup: begin.Setup) -> HandEye:
+    pairs, offset = begin.in_step(read, setup.hand_eye)
     train = np.ones(len(pairs.rows), dtype=bool) if pairs.hold is None else ~pairs.hold
     named = pairs.flange.poses(next(iter(pairs.flange.meanings)))  # one axis is one in any order of angles
     stated = (setup.sigma, setup.sigma_rotation)
     check_poses(named[train], stands_of(named[train]), all(stated))
-    arm, seen, mount, tool, near, remarks = start_of_pairs(
-        pairs, setup.hand_eye, train, free_scale=setup.free_scale
-    )  # fmt: skip
-    track = track_of(read, pairs.time, arm, setup.hand_eye, offset)
+    start = begin.start_of_pairs(pairs, setup.hand_eye, train, free_scale=setup.free_scale)
+    arm, seen, mount, tool, near, remarks = start
+    track = begin.track_of(read, pairs.time, arm, setup.hand_eye, offset)
     sight = Sight(arm, seen, pairs.time, track, setup.hand_eye == "eye_in_hand")
     free = (("offset",) if track else ()) + (("scale",) if setup.free_scale else ())
     adjustment = adjust(sight.at(train), mount, tool, stated, near=near, free=free, offset=offset)
@@ -352,7 +342,7 @@ def _calibrate(read: Pairs, setup: Setup) -> HandEye:
         if abs(scale.value - 1) > _OTHER:
             raise DataError(text)
         notes.append(Note(Code.SCALE, text, values={"scale": scale.value, "se": scale.se, "board_scale": cure}))
-    largest, axis, beside, across = _turned(arm_poses(arm, setup.hand_eye)[train][kept])
+    largest, axis, beside, across = _turned(begin.arm_poses(arm, setup.hand_eye)[train][kept])
     if min(largest, beside) < _FEW_TURNS:  # which turns would narrow the intervals
         degrees, others = (plain(float(np.rad2deg(angle)), 2) for angle in (largest, beside))
         text = f"the flange turns by {degrees}° at the most, so that the intervals are wide: {_WAY_OUT}"
@@ -470,7 +460,11 @@ def _unseen(found: Adjustment, sight: Sight, train: Mask, poses: int) -> tuple[R
     elif poses < _LEAST_POSES:
         return Residual(0), f"unknown: {_LEAST_POSES} different poses are needed to leave one out"
     else:
-        (position, turned), known = cross_validate(found, FOLDS), ~found.wild
+        fold, known = poses_of(stands_of(found.sight.arm)) % FOLDS, ~found.wild
+        position, turned = np.full_like(found.position, np.nan), np.full_like(found.turned, np.nan)
+        for k in range(int(fold.max()) + 1):
+            there = np.asarray(fold == k)
+            position[there], turned[there] = again(found, ~there).errors(found.sight.at(there))
         how = f"every {'fifth' if poses > FOLDS else 'one'} of {poses} different poses left out in turn"
     sizes = (rms(np.linalg.norm(one[known], axis=1)) for one in (position, turned))
     return Residual(int(known.sum()), *sizes), how

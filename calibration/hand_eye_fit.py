@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation, Slerp
 from scipy.stats import f, norm
 
 from calibench.calibration.normal import covariance_of, descend
-from calibench.calibration.readings import poses_of
 from calibench.calibration.rigid import Array, Index, Mask, inverse, rotation_of, rpy_of, vector_of
 
 _FLOOR = 1e-9  # mm or rad: the noise of readings without any
@@ -142,7 +141,19 @@ def adjust(
         groups = np.searchsorted(used, groups)
         noise = found.noise[used % 2]
         found = _settle(replace(found, groups=groups, noise=noise), known[used % 2])
-    return _neighbours(found)
+    # wider errors where residuals follow those of the row before: the first lag of Newey and West
+    residuals, kept = _slopes(found)[1], np.flatnonzero(~found.wild)
+    alike = np.zeros(len(found.noise))
+    if len(kept) >= _ROWS:
+        for g in range(len(alike)):
+            one = residuals[kept][:, found.groups == g]
+            one = one - one.mean(axis=0)
+            r = float((one[1:] * one[:-1]).sum() / max(float((one**2).sum()), _FLOOR))
+            if found.noise[g] > 1e3 * _FLOOR and r * np.sqrt(one.size) > norm.ppf(1 - _CHANCE):
+                alike[g] = min(r, 0.98)
+    fewer = (1 + alike) / (1 - alike)
+    freedom = np.maximum(found.freedom / fewer, _LEAST)
+    return replace(found, parts=found.parts * fewer[:, None, None], freedom=freedom, alike=alike)
 
 
 def again(found: Adjustment, keep: Mask) -> Adjustment:
@@ -294,34 +305,8 @@ def _directions(found: Adjustment, stated: Array) -> Index:
     return groups
 
 
-def _neighbours(found: Adjustment) -> Adjustment:
-    """Return the fit with wider errors where residuals follow those of the row before (Newey and West's first lag)."""
-    residuals, kept = _slopes(found)[1], np.flatnonzero(~found.wild)
-    alike = np.zeros(len(found.noise))
-    if len(kept) >= _ROWS:
-        for g in range(len(alike)):
-            one = residuals[kept][:, found.groups == g]
-            one = one - one.mean(axis=0)
-            r = float((one[1:] * one[:-1]).sum() / max(float((one**2).sum()), _FLOOR))
-            if found.noise[g] > 1e3 * _FLOOR and r * np.sqrt(one.size) > norm.ppf(1 - _CHANCE):
-                alike[g] = min(r, 0.98)
-    fewer = (1 + alike) / (1 - alike)
-    freedom = np.maximum(found.freedom / fewer, _LEAST)
-    return replace(found, parts=found.parts * fewer[:, None, None], freedom=freedom, alike=alike)
-
-
 def stands_of(poses: Array) -> Array:
     """Return six numbers of `poses` (n, 4, 4) that tell the same poses apart: x y z [mm], yaw, pitch, roll [rad]."""
     angles = rpy_of(poses)[:, ::-1]
     middle = np.arctan2(np.sin(angles).mean(axis=0), np.cos(angles).mean(axis=0))
     return np.column_stack([poses[:, :3, 3], middle + (angles - middle + np.pi) % (2 * np.pi) - np.pi])
-
-
-def cross_validate(found: Adjustment, folds: int) -> tuple[Array, Array]:
-    """Return what is left of the pairs, (n, 3) [mm] and [rad], each by a fit to those of other poses."""
-    fold = poses_of(stands_of(found.sight.arm)) % folds
-    position, turned = np.full_like(found.position, np.nan), np.full_like(found.turned, np.nan)
-    for k in range(int(fold.max()) + 1):
-        there = np.asarray(fold == k)
-        position[there], turned[there] = again(found, ~there).errors(found.sight.at(there))
-    return position, turned

@@ -22,7 +22,7 @@ from calibench.calibration.start import UNITS, meanings
 from calibench.core.notes import Code, DataError, Note
 from calibench.core.options import suggest
 from calibench.core.tables.cells import valid_rows
-from calibench.core.words import as_columns, listed, plain
+from calibench.core.words import as_columns, as_units, listed, plain
 
 Mounting = Literal["eye_in_hand", "eye_to_hand"]
 Flange = Literal["flange_in_base", "base_in_flange"]
@@ -237,11 +237,10 @@ def in_step(pairs: Pairs, mounting: str) -> tuple[Pairs, float]:
     kept = _track(pairs, next(iter(pairs.flange.meanings))).has(pairs.time - chosen)
     at = pairs.time[kept] - chosen
     by_meaning = {name: _track(pairs, name).at(at) for name in pairs.flange.meanings}
-    meaning = {
-        name: (np.asarray(inverse(p)) if pairs.flange.inverted else p)[:, :3, :3] for name, p in by_meaning.items()
-    }
-    first = next(iter(by_meaning.values()))
-    place = (np.asarray(inverse(first)) if pairs.flange.inverted else first)[:, :3, 3]
+    if pairs.flange.inverted:
+        by_meaning = {name: np.asarray(inverse(poses)) for name, poses in by_meaning.items()}
+    meaning = {name: poses[:, :3, :3] for name, poses in by_meaning.items()}
+    place = next(iter(by_meaning.values()))[:, :3, 3]
     seen = replace(
         pairs.board, place=pairs.board.place[kept], meanings={k: v[kept] for k, v in pairs.board.meanings.items()}
     )  # fmt: skip
@@ -273,7 +272,7 @@ def _in_base_units(table: Table, both: Mapping[str, Matched]) -> tuple[Table, tu
         if largest > _TURNED:
             raise DataError(
                 f"{', '.join(stated)}: rad are stated, and they hold {plain(largest, 4)}, more than two turns: state "
-                f"deg in the heading, or units={','.join(f'{name}:deg' for name in stated)}"
+                f"deg in the heading, or {as_units(stated, 'deg')}"
             )
     used = [name for side in both.values() for name in (*side.position.values(), *side.rotation.values())]
     turned, units, notes = by_their_names(table.columns, used, table.units)
@@ -283,10 +282,9 @@ def _in_base_units(table: Table, both: Mapping[str, Matched]) -> tuple[Table, tu
     for names, base, example in ((places, "mm", "m"), (angles, "rad", "deg")):
         open_ = [name for name in names if name not in table.units]
         if open_:
-            ways = [",".join(f"{name}:{unit}" for name in open_) for unit in (base, example)]
             raise DataError(
                 f"{', '.join(open_)}: no unit is stated; write it in the heading, such as {open_[0]} [{example}], "
-                f"or state units={ways[0]} or units={ways[1]}"
+                f"or state {as_units(open_, base)} or {as_units(open_, example)}"
             )
         other = next((name for name in names if table.units[name] != base), None)
         if other is not None:
@@ -294,12 +292,8 @@ def _in_base_units(table: Table, both: Mapping[str, Matched]) -> tuple[Table, tu
     return table, notes
 
 
-def side_of(name: str) -> str:
-    """Return whose pose a column is of by its name: flange, board, camera, or "" for none of them."""
-    return _parted(name)[0]
-
-
-def _parted(name: str) -> tuple[str, str]:
+def side_of(name: str) -> tuple[str, str]:
+    """Return whose pose a column is of by its name, flange, board, camera, or "" for none, and the rest of the name."""
     first, _, rest = name.strip().replace(" ", "_").replace(".", "_").partition("_")
     side = next((side for side, words in _CALLED.items() if first.lower() in words), "")
     return side if rest else "", rest
@@ -311,7 +305,7 @@ def _sides(table: Table, ours: Mapping[str, str]) -> dict[str, Matched]:
     for name, column in table.columns.items():
         if column.dtype.kind not in "iuf":
             continue
-        side, rest = _parted(ours.get(name, name))
+        side, rest = side_of(ours.get(name, name))
         if side:
             if rest in by_side.setdefault(side, {}):
                 raise DataError(f"{by_side[side][rest]} and {name} could both be {side}_{rest}; leave one of them out")
@@ -539,10 +533,9 @@ def _places(
         ):  # fmt: skip
             unit = next((u for u, size in UNITS.items() if by > 1 and abs(by / size - 1) < _NEAR), "mm")
             if unit != "mm":
-                named = ",".join(f"{name}:{unit}" for name in pose.columns[:3])
                 raise DataError(
-                    f"{text} {side} are {plain(by, 3)} times as far: units={named} if they are {unit}, or the unit of "
-                    f"the {other}'s is another"
+                    f"{text} {side} are {plain(by, 3)} times as far: {as_units(pose.columns[:3], unit)} if they are "
+                    f"{unit}, or the unit of the {other}'s is another"
                 )
         size = pairs.board_scale * by_flange
         raise DataError(

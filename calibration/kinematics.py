@@ -134,18 +134,17 @@ UNITS = ("mm", "mm", "mm", "rad", "rad", "rad")
 
 def parameter_names(chain: Chain) -> tuple[str, ...]:
     """Return the names of all parameters of a chain, in the order of the vector: base, each joint, tool."""
-    names = [f"base_{one}" for one in PLACEMENT]
-    for joint in chain.joints:
-        names += [f"{one}_{joint.name}" for one in (*PLACEMENT, "zero", "gain")]
-    return (*names, *(f"tool_{one}" for one in PLACEMENT))
+    return tuple(parameter_units(chain))
 
 
-def parameter_units(chain: Chain) -> tuple[str, ...]:
-    """Return the units of all parameters; that of a gain is empty."""
-    units = list(UNITS)
+def parameter_units(chain: Chain) -> dict[str, str]:
+    """Return the unit of each parameter by its name, in the same order; that of a gain is empty."""
+    placed = list(zip(PLACEMENT, UNITS, strict=True))
+    units = {f"base_{one}": unit for one, unit in placed}
     for joint in chain.joints:
-        units += [*UNITS, "rad" if joint.kind == "rotary" else "mm", ""]
-    return (*units, *UNITS)
+        own = [*placed, ("zero", "rad" if joint.kind == "rotary" else "mm"), ("gain", "")]
+        units |= {f"{one}_{joint.name}": unit for one, unit in own}
+    return units | {f"tool_{one}": unit for one, unit in placed}
 
 
 def nominal(chain: Chain) -> Array:

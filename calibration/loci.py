@@ -8,11 +8,12 @@ a table T.
 """
 
 from dataclasses import dataclass, replace
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from calibench.calibration.frames import nearest_rotation
 from calibench.calibration.rigid import Array, Index, Mask, rpy, shift
 
 AXES, DISTANCE, PLANE = 0, 1, 2  # kinds of readings, each with a noise of its own
@@ -88,10 +89,6 @@ class Loci:
             if count := sum(fixture.kind == kind for fixture in self.fixtures):
                 words.append(one if count == 1 else several.format(f"{count} points" if kind == DISTANCE else count))
         return " and ".join(words)
-
-    def tell_base(self, read: Array | None) -> bool:
-        """Tell whether anything was read in a frame of its own: an axis, or a point whose place is stated."""
-        return bool(read is not None and np.isfinite(read).any()) or any(one.stated for one in self.fixtures)
 
     def frames(self, numbers: Array) -> dict[str, Array]:
         """Return what is fixed, "point A" or "plane T", at its `numbers` (m,): frames (4, 4) in the measuring frame."""
@@ -187,16 +184,11 @@ def place(poses: Array, read: Array, loci: Loci, frames: tuple[Array, Array] | N
     return Placed(made.base, tool, made.loci, made.apart)
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _Solved:
+class _Solved(NamedTuple):
     base: Array
     loci: Loci
     off: Array
-
-    @property
-    def apart(self) -> float:
-        return float(np.median(np.linalg.norm(self.off, axis=1)))
+    apart: float
 
 
 def _solve(places: Array, read: Array, loci: Loci, near: Mask, base: Array | None = None) -> _Solved:
@@ -209,8 +201,13 @@ def _solve(places: Array, read: Array, loci: Loci, near: Mask, base: Array | Non
         if axes.any():
             base = _base_of_axes(places[axes & near], read[axes & near])
         elif stated:
+            # the least turn of all rigid transforms that bring the points nearest to where they are stated
+            points = np.array([spheres[k] for k in stated])
             there = np.array([loci.fixtures[k].frame[:3, 3] for k in stated])
-            base = _onto(np.array([spheres[k] for k in stated]), there)
+            middle, goal = points.mean(axis=0), there.mean(axis=0)
+            if len(points) > 1:
+                base[:3, :3] = nearest_rotation((there - goal).T @ (points - middle))
+            base[:3, 3] = goal - base[:3, :3] @ middle
     turn, shift = base[:3, :3], base[:3, 3]
     seen = places @ turn.T + shift
     fixtures = []
@@ -227,7 +224,8 @@ def _solve(places: Array, read: Array, loci: Loci, near: Mask, base: Array | Non
             frame[:3, 0] *= np.linalg.det(frame[:3, :3])
         fixtures.append(replace(one, frame=frame))
     made = replace(loci, fixtures=tuple(fixtures))
-    return _Solved(base, made, made.residuals(seen, read, np.zeros(len(made.names)))[0])
+    off = made.residuals(seen, read, np.zeros(len(made.names)))[0]
+    return _Solved(base, made, off, float(np.median(np.linalg.norm(off, axis=1))))
 
 
 def _sphere(places: Array, loci: Loci, near: Mask, k: int) -> Array:
@@ -265,15 +263,4 @@ def _base_of_axes(places: Array, read: Array) -> Array:
     for axis in rows:
         known = np.isfinite(read[:, axis])
         base[axis, 3] = float(np.median(read[known, axis] - places[known] @ turn[axis]))
-    return base
-
-
-def _onto(points: Array, there: Array) -> Array:
-    """Return the rigid transform (4, 4) that brings `points` (k, 3) nearest to `there`, the least turn of all."""
-    base, middle, goal = np.eye(4), points.mean(axis=0), there.mean(axis=0)
-    square = (there - goal).T @ (points - middle)
-    if len(points) > 1:
-        u, _, vt = np.linalg.svd(square)
-        base[:3, :3] = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    base[:3, 3] = goal - base[:3, :3] @ middle
     return base

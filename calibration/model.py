@@ -118,16 +118,16 @@ class ArmModel:
 
     def placed(self, p: Array) -> Array:
         """Return the target's pose at each reading, (n, 4, 4)."""
-        arm, stands = self._of_arm(p), self._stands(p)
+        arm, places, stands, _ = self.parts(p)
         poses = forward(self.chain, arm, stands) if self.rows is None else self.rows.forward(arm, stands)
         if self.target is not None:
             poses = poses.copy()
-            poses[:, :3, 3] += self._beside(p, poses)
+            poses[:, :3, 3] += np.einsum("nij,nj->ni", poses[:, :3, :3], places[self.target])
         return poses
 
     def slopes(self, p: Array, free: Index) -> Array:
         """Return the derivative of the target's pose in the parameters `free`, (n, 6, k), or (n, 3, k) of places."""
-        of, arm, seats, stands = self.rows, self._of_arm(p), 3 * len(self.seats), self._stands(p)
+        of, seats, (arm, places, stands, _) = self.rows, 3 * len(self.seats), self.parts(p)
         some, turns = None if self._more else free, self.turns is not None or seats > 0
         slopes = jacobian(self.chain, arm, stands, some, turns) if of is None else of.jacobian(arm, stands, some, turns)
         if not self._more:
@@ -135,44 +135,29 @@ class ArmModel:
         more = np.zeros((*slopes.shape[:2], len(self._more)))
         if self.target is not None:
             first = forward(self.chain, arm, stands) if of is None else of.forward(arm, stands)
-            lever = self._beside(p, first)
+            lever = np.einsum("nij,nj->ni", first[:, :3, :3], places[self.target])
             slopes[:, :3] += cross(np.swapaxes(slopes[:, 3:], 1, 2), lever[:, None]).swapaxes(1, 2)
             for k in range(len(self.seats)):
                 more[:, :3, 3 * k : 3 * k + 3] = np.where((self.target == k + 1)[:, None, None], first[:, :3, :3], 0.0)
-        if self.torque is not None:
-            more[:, :, seats : seats + self.torque.shape[1]] = -self._of_readings(slopes) * self.torque[:, None]
+        if self.torque is not None:  # by the slopes in each reading, (n, c, columns), from those in the joints' zeros
+            at, (gains, _) = {name: k for k, name in enumerate(self.names)}, self.chain.following
+            zeros = [at.get(f"zero_{joint.name}", at.get(f"theta_{joint.name}", -1)) for joint in self.chain.joints]
+            of_readings = np.asarray(slopes[:, :, zeros] @ (gains * (np.array(zeros) >= 0)[:, None]))
+            more[:, :, seats : seats + self.torque.shape[1]] = -of_readings * self.torque[:, None]
         return np.concatenate([slopes[:, :, :-6], more, slopes[:, :, -6:]], axis=2)[:, :, free]
 
-    def places(self, p: Array) -> Array:
-        """Return where each target sits from the first one, in its frame, (k + 1, 3) [mm]."""
-        return np.concatenate([np.zeros((1, 3)), self.seats + self._of_more(p)[: 3 * len(self.seats)].reshape(-1, 3)])
+    def parts(self, p: Array) -> tuple[Array, Array, Array, Array]:
+        """Return what p says: the arm's own numbers, where each target sits from the first one, (k + 1, 3) [mm], where
 
-    def _of_arm(self, p: Array) -> Array:
-        return np.concatenate([p[: -6 - len(self._more)], p[-6:]]) if self._more else p
-
-    def _stands(self, p: Array) -> Array:
-        """Return where the joints are that are read, (n, columns): less by what they give way."""
+        the joints are that are read, (n, columns), less by what they give way, and the numbers of fixtures.
+        """
+        more, seats = p[len(p) - 6 - len(self._more) : -6], 3 * len(self.seats)
+        arm = np.concatenate([p[: -6 - len(self._more)], p[-6:]]) if self._more else p
+        places = np.concatenate([np.zeros((1, 3)), self.seats + more[:seats].reshape(-1, 3)])
         if self.torque is None:
-            return self.joints
-        first = 3 * len(self.seats)
-        return np.asarray(self.joints - self._of_more(p)[first : first + self.torque.shape[1]] * self.torque)
-
-    def _of_readings(self, slopes: Array) -> Array:
-        """Return the derivative of the target's pose in each reading, (n, c, columns), by those in all numbers."""
-        place, (gains, _) = {name: k for k, name in enumerate(self.names)}, self.chain.following
-        zeros = [place.get(f"zero_{joint.name}", place.get(f"theta_{joint.name}", -1)) for joint in self.chain.joints]
-        return np.asarray(slopes[:, :, zeros] @ (gains * (np.array(zeros) >= 0)[:, None]))
-
-    def loci_numbers(self, p: Array) -> Array:
-        """Return the numbers of the fixtures of `loci`."""
-        return self._of_more(p)[len(self._more) - (0 if self.loci is None else len(self.loci.names)) :]
-
-    def _of_more(self, p: Array) -> Array:
-        return p[len(p) - 6 - len(self._more) : -6]
-
-    def _beside(self, p: Array, poses: Array) -> Array:
-        """Return from the first target to that of each reading, (n, 3) [mm], where it stands at `poses`."""
-        return np.asarray(np.einsum("nij,nj->ni", poses[:, :3, :3], self.places(p)[self.target]))
+            return arm, places, self.joints, more[seats:]
+        first = seats + self.torque.shape[1]
+        return arm, places, np.asarray(self.joints - more[seats:first] * self.torque), more[first:]
 
     def errors(self, p: Array, weights: Array | None = None, poses: Array | None = None) -> tuple[Array, Array | None]:
         """Return residual positions (n, 3), of a ball from its socket's mean point, and rotations (n, 3) or None."""
@@ -188,7 +173,7 @@ class ArmModel:
     def _across(self, p: Array, poses: Array) -> tuple[Array, Array, Array]:
         assert self.loci is not None
         assert self.position is not None
-        return self.loci.residuals(poses[:, :3, 3], self.position, self.loci_numbers(p))
+        return self.loci.residuals(poses[:, :3, 3], self.position, self.parts(p)[3])
 
     def residuals(self, p: Array, weights: Array) -> tuple[Array, Array]:
         """Return residuals (n, c) over their noise, and those of known distances, (d,)."""

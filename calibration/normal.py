@@ -35,10 +35,9 @@ class Blocks:
     square: Array
     count: Array
 
-    def sum(self, leave: int | None = None) -> "Blocks":
-        """Return one group of all, or of all but the group `leave`."""
-        keep = np.arange(len(self.gram)) != (-1 if leave is None else leave)
-        return self.by(keep[None].astype(float))
+    def sum(self) -> "Blocks":
+        """Return one group of all."""
+        return self.by(np.ones((1, len(self.gram))))
 
     def by(self, weights: Array) -> "Blocks":
         """Return groups that take each of these by `weights`, (new, g)."""
@@ -94,14 +93,10 @@ def _add(sums: Blocks, g: int, rows: Array, residuals: Array, count: float) -> N
     sums.count[g] += count
 
 
-def solve(gram: Array, slope: Array, prior: Array | float = 0.0, off: Array | float = 0.0) -> Array:
-    """Return the step s (k,) that minimises |r + J s|^2 + sum(prior (off + s)^2), of one group's `gram` and `slope`.
-
-    `prior` is an information, 1 / sd^2, (k,); `off` (k,) how far the parameters are from where it wants them. A
-    direction that neither tells is not gone.
-    """
-    scaled, scale = _scaled(gram + np.diag(np.broadcast_to(prior, slope.shape)))
-    return np.asarray(np.linalg.lstsq(scaled, -(slope + prior * off) / scale, rcond=_SINGULAR)[0] / scale)
+def solve(gram: Array, slope: Array) -> Array:
+    """Return the step s (k,) that minimises |r + J s|^2, of one group's `gram` and `slope`, along what these tell."""
+    scaled, scale = _scaled(gram)
+    return np.asarray(np.linalg.lstsq(scaled, -slope / scale, rcond=_SINGULAR)[0] / scale)
 
 
 def descend(
@@ -117,7 +112,7 @@ def descend(
     for _ in range(_STEPS):
         gram, slope = equations(at)
         for _ in range(_TRIES):
-            tried = moved(at, solve(gram, slope, damping * np.diag(gram)))
+            tried = moved(at, solve(gram + np.diag(damping * np.diag(gram)), slope))
             cost = value_of(tried)
             if cost <= value:
                 break

@@ -343,7 +343,12 @@ def _random_poses(
     for _ in range(200):
         tried = low + (high - low) * rng.random((count, len(low)))
         if box is not None or len(keep_out):
-            along = _skeleton(chain, tried)
+            # joints, tip and target in the base, (n, J + 2, 3) [mm]
+            q = {READING + name: tried[:, k] for k, name in enumerate(chain.driven)}
+            way = walk(chain, np.eye(3), quantities(chain) | dict.fromkeys((*BASE, *TOOL), 0.0) | q)
+            turn, at_tip = way.flange
+            places = [*(place for _, place in way.frames), at_tip, at_tip + turn @ chain.tool[:3, 3]]
+            along = np.stack([np.broadcast_to(place, at_tip.shape) for place in places], axis=1)
             good = np.ones(len(tried), dtype=bool)
             if box is not None:
                 tip = along[:, -2]
@@ -358,15 +363,6 @@ def _random_poses(
         raise DataError("plan.box=: hardly any pose of the arm has its tip inside; x0,x1,y0,y1,z0,z1 [mm] in the base")
     inside = "" if box is None else " and the tip in plan.box="
     raise DataError(f"plan.keep_out=: hardly any pose of the arm stays out of it{inside}; make it smaller")
-
-
-def _skeleton(chain: Chain, joints: Array) -> Array:
-    """Return the places of the joints, of the tip and of the target in the base, (n, J + 2, 3) [mm]."""
-    numbers = quantities(chain) | dict.fromkeys((*BASE, *TOOL), 0.0)
-    way = walk(chain, np.eye(3), numbers | {READING + name: joints[:, k] for k, name in enumerate(chain.driven)})
-    turn, tip = way.flange
-    places = [*(place for _, place in way.frames), tip, tip + turn @ chain.tool[:3, 3]]
-    return np.stack([np.broadcast_to(place, tip.shape) for place in places], axis=1)
 
 
 def _pass_through(along: Array, box: Array) -> Mask:

@@ -35,7 +35,7 @@ from calibench.core.notes import Code, DataError, Note
 from calibench.core.tables.cells import split_rows, valid_rows
 from calibench.core.tables.columns import Columns, in_base_units, rename, with_seconds
 from calibench.core.tables.csv_table import heads
-from calibench.core.words import as_columns, counted, listed, plain
+from calibench.core.words import as_columns, as_units, counted, listed, plain
 
 OBSERVED = ("position", "pose", "sockets")
 _LEAST = {"position": 10, "pose": 6, "sockets": 12}  # poses at least: with fewer there are as many unknowns as readings
@@ -442,7 +442,7 @@ def _check(readings: Readings, whole: Mask, chain: Chain) -> None:
             columns = columns_in_degrees(readings, chain)
             text = (
                 f"joint {name} reaches {largest:.0f}, and no joint turns so many rad: are they degrees? "
-                f"units={','.join(f'{column}:deg' for column in columns)}"
+                f"{as_units(columns, 'deg')}"
             )
             raise DataError(text, Note(Code.JOINT_UNIT, text, tuple(columns), values={"unit": "deg"}))
     moves = [name for k, name in enumerate(chain.driven) if np.ptp(used[:, k]) > _ALIKE]

@@ -59,9 +59,13 @@ def unfolded(columns: Mapping[str, Any], matched: Matched, unit: str) -> tuple[d
     moves = ~still[which]
     notes: list[Note] = []
     if still.any():
-        course = course_of(places[~moves], which[~moves], _times(columns, matched, n)[rows], moves, rows)
+        times = np.arange(n, dtype=float)  # the number of the row, where no clock tells its time
+        clock = np.asarray(columns[matched.other["t_s"]]) if "t_s" in matched.other else times
+        if clock.dtype.kind in "iuf" and n and np.isfinite(clock).all() and np.ptp(clock) > 0:
+            times = clock.astype(float)
+        course = course_of(places[~moves], which[~moves], times[rows], moves, rows)
         there = places[moves]
-        places[moves] = course.without(there, course.at(_times(columns, matched, n)[rows[moves]]))
+        places[moves] = course.without(there, times[rows[moves]])
         by = float(np.nanmax(np.linalg.norm(places[moves] - there, axis=1)))
         notes.append(course.note([name for name, one in zip(names, still, strict=True) if one], by, unit))
     others = {c for group in matched.targets.values() for c in group.values()}
@@ -82,13 +86,6 @@ def _spread(places: Array) -> float:
     return float(np.median(np.linalg.norm(places - np.median(places, axis=0), axis=1))) if len(places) else 0.0
 
 
-def _times(columns: Mapping[str, Any], matched: Matched, n: int) -> Array:
-    """Return the time of each row, (n,); its number where no clock tells it."""
-    column = np.asarray(columns[matched.other["t_s"]]) if "t_s" in matched.other else np.zeros(0)
-    clock = column.dtype.kind in "iuf" and len(column) > 0 and bool(np.isfinite(column).all() and np.ptp(column) > 0)
-    return column.astype(float) if clock else np.arange(n, dtype=float)
-
-
 @final
 @dataclass(frozen=True, eq=False)
 class Course:
@@ -105,15 +102,11 @@ class Course:
     visits: int
     scatter: float = 0.0
 
-    def at(self, times: Array) -> tuple[Array, Array]:
-        """Return shift and turn at `times`, (n, 3) each."""
+    def without(self, places: Array, times: Array) -> Array:
+        """Return `places` (n, 3), read at `times` (n,), as a tracker that stood still had read them."""
         basis = _basis(self.kind, self.knots, times)
-        return basis @ self.shifts, basis @ self.turns
-
-    def without(self, places: Array, moved: tuple[Array, Array]) -> Array:
-        """Return `places` (n, 3) as a tracker that stood still had read them."""
-        back = np.swapaxes(rotation_of(moved[1]), 1, 2) - np.eye(3)
-        there = places - moved[0]
+        back = np.swapaxes(rotation_of(basis @ self.turns), 1, 2) - np.eye(3)
+        there = places - basis @ self.shifts
         return np.asarray(there + np.einsum("nij,nj->ni", back, there - self.middle))
 
     def note(self, names: Sequence[str], by: float, unit: str) -> Note:

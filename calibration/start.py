@@ -25,7 +25,7 @@ from calibench.calibration.rigid import Array, Index, quaternion, turn
 from calibench.core.notes import Code, DataError, Note
 from calibench.core.options import suggest
 from calibench.core.tables.cells import between
-from calibench.core.words import as_columns, counted, plain
+from calibench.core.words import as_columns, as_units, counted, plain
 
 DOUBTFUL = 0.01  # part of the reach: arms that are not calibrated lie nearer to their descriptions
 _TURNED = 0.12  # rad: rotations further off are not of this arm
@@ -231,8 +231,8 @@ def _in_mm(
         really = next((u for u, other in UNITS.items() if abs(size / other - 1) < NEAR), unit)
         really = "mm" if source == "stated" and really == "um" else really  # metres were stated
         taken = {"m": "metres, as FIGAROH's names say", "mm": "mm", "stated": "what the file states"}[source]
-        named = ",".join(f"{name}:{really}" for name in names.values())
-        text = f"{listed} are taken for {taken}, and fit the arm when they are {really}: units={named}"
+        units = as_units(names.values(), really)
+        text = f"{listed} are taken for {taken}, and fit the arm when they are {really}: {units}"
         raise DataError(text, Note(Code.POSITION_UNIT, text, tuple(names.values()), values={"unit": really}))
     readings = replace(readings, position=UNITS[unit] * readings.position)
     text = f"{listed}: no unit is stated; they fit the arm in {unit}"
@@ -283,8 +283,7 @@ def _within_limits(readings: Readings, chain: Chain, strict: bool) -> Readings:
         rotary = joint.kind == "rotary"
         cure = "is the column that of this joint, and its unit right?"
         if rotary and _inside(np.deg2rad(values), joint) and np.abs(values).max() > TURNS:
-            units = ",".join(f"{column}:deg" for column in columns_in_degrees(readings, chain))
-            cure = f"as degrees all its rows lie within: units={units}"
+            cure = f"as degrees all its rows lie within: {as_units(columns_in_degrees(readings, chain), 'deg')}"
         elif chain.source == "table" and rotary and _inside(np.deg2rad(values), joint):
             cure = "with limits in rad all its rows lie within: write lower [rad] and upper [rad]"
         elif not rotary and _inside(values / 1000, joint) and joint.upper > _LONGEST_RAIL:
@@ -424,10 +423,10 @@ def _trials(readings: Readings, chain: Chain) -> Iterator[Sequence[Trial]]:
     for unit, factor in (("deg", np.pi / 180), ("rad", 180 / np.pi)):
         if turning and (unit == "deg" or stated):
             really = {"deg": "degrees", "rad": "rad, and not in degrees as the file states"}[unit]
-            text = f"with joints in {really}: units={','.join(f'{one}:{unit}' for one in angles)}"
+            text = f"with joints in {really}: {as_units(angles, unit)}"
             yield [Trial(Code.JOINT_UNIT, text, _scaled(joints, turning, factor), readings, angles, {"unit": unit})]
     for unit, taken in _RAILS if rails else ():
-        text = f"with {', '.join(rails)} in {unit}: units={','.join(f'{one}:{unit}' for one in rails)}"
+        text = f"with {', '.join(rails)} in {unit}: {as_units(rails, unit)}"
         scaled = _scaled(joints, sliding, UNITS[unit] / UNITS[taken])
         yield [Trial(Code.JOINT_UNIT, text, scaled, readings, rails, {"unit": unit})]
 

@@ -200,10 +200,10 @@ class Robot:
         faults = [one.fault for one in every if one.fault and id(one) not in on]
         if not (beside := [*dict.fromkeys([*faults, *loose, *self.left_over])]):
             return ()
-        text = "; ".join(beside[:_MOST_TOLD]) + (
-            f"; and {len(beside) - _MOST_TOLD} more" if len(beside) > _MOST_TOLD else ""
+        more = f"; and {len(beside) - _MOST_TOLD} more" if len(beside) > _MOST_TOLD else ""
+        text = (
+            f"{Path(self.source).name}: not read, as it stands beside the arm: {'; '.join(beside[:_MOST_TOLD])}{more}"
         )
-        text = f"{Path(self.source).name}: not read, as it stands beside the arm: {text}"
         return (Note(Code.BESIDE_THE_ARM, text, values={"faults": beside}),)
 
     def _on(self, path: list[Joint], base: str) -> Iterator[Link | Joint]:
@@ -217,7 +217,6 @@ class Robot:
         return UrdfError(f"{self.source}: {_expand(self.source) if self.xacro else text}")
 
     def _below(self, link: str) -> Iterator[Joint]:
-        """Return all joints that hang on a link, near or far."""
         below = [link]
         while below:
             for joint in self._behind.get(below.pop(), ()):
@@ -247,7 +246,6 @@ class Robot:
         return mimic
 
     def _path(self, base: str, tip: str) -> list[Joint]:
-        """Return the joints from `base` to `tip`."""
         path, at = list[Joint](), tip
         while at != base:
             if at not in self._above or len(path) > len(self.joints):
@@ -303,17 +301,14 @@ def parse_urdf(text: str | bytes, source: str = "the URDF", option: str = "") ->
     joints = tuple(_joint(each, source) for each in tree.findall("joint"))
     tags = dict.fromkeys(each.tag for each in tree.iter())
     declared = [word.partition(":")[2] for each in tree.iter() for word in each.attrib if word.startswith("xmlns")]
-    left = [f"<{tag}> has a prefix that nothing declares" for tag in tags if not _is_declared(tag, declared)]
+    prefixes = {tag: tag.partition(":")[0] for tag in tags if ":" in tag}
+    unknown = [tag for tag, prefix in prefixes.items() if prefix not in ("xacro", *declared)]
+    left = [f"<{tag}> has a prefix that nothing declares" for tag in unknown]
     left += [f"<{tag}> is left over from xacro" for tag in tags if tag.startswith("xacro:")]
     left += ["${...} is left over from xacro"] if b"${" in whole else []
     left += ["a name space is declared for all of it"] if "xmlns" in tree.attrib else []
     xacro = b"${" in whole or any(tag.startswith("xacro:") for tag in tags)
     return Robot(tree.get("name", "robot"), *_judged(links, joints), source, option, tuple(left), xacro)
-
-
-def _is_declared(tag: str, declared: list[str]) -> bool:
-    prefix, colon, _ = tag.partition(":")
-    return not colon or prefix in ("xacro", *declared)
 
 
 _TAG = re.compile(
@@ -332,7 +327,13 @@ def _scan(text: bytes, source: str) -> tuple[Element, dict[Element, tuple[int, i
     """
     if b"\0" in text:
         raise UrdfError(f"{source}: holds NUL bytes, as UTF-16 does; save it as UTF-8")
-    encoding, tree, open_tags = _encoding(text), TreeBuilder(), list[str]()
+    stated = re.match(rb"""\s*<\?xml[^>]*encoding\s*=\s*["']([\w.-]+)""", text)
+    encoding = stated[1].decode() if stated else "utf-8"
+    try:  # what is stated, if it holds ASCII as ASCII
+        encoding = encoding if bytes(range(128)).decode(encoding).encode() == bytes(range(128)) else "utf-8"
+    except (LookupError, ValueError):
+        encoding = "utf-8"
+    tree, open_tags = TreeBuilder(), list[str]()
     places, at = dict[Element, tuple[int, int]](), text.find(b"<")
     while at >= 0:
         match = _TAG.match(text, at)
@@ -370,16 +371,6 @@ def _attributes(rest: bytes, encoding: str) -> dict[str, str] | None:
         found.setdefault(match[1].decode(encoding, "replace"), unescape(match[2][1:-1].decode(encoding, "replace")))
         at = match.end()
     return found if rest[at:].strip() in (b"", b"/") else None
-
-
-def _encoding(text: bytes) -> str:
-    """Return the encoding that a file states, if it holds ASCII as ASCII; else UTF-8."""
-    stated = re.match(rb"""\s*<\?xml[^>]*encoding\s*=\s*["']([\w.-]+)""", text)
-    name = stated[1].decode() if stated else "utf-8"
-    try:
-        return name if bytes(range(128)).decode(name).encode() == bytes(range(128)) else "utf-8"
-    except (LookupError, ValueError):
-        return "utf-8"
 
 
 def _no_xml(source: str, text: bytes, at: int, why: str) -> UrdfError:
@@ -426,7 +417,31 @@ def _joint(element: Element, source: str) -> Joint:
         if kind not in (*_MOVING, "fixed"):
             raise UrdfError(f"{where} has type={kind!r}; revolute, continuous, prismatic or fixed is needed")
         joint = replace(joint, origin=_placement(element.find("origin"), where))
-        return _moving(joint, element) if kind in _KINDS else joint
+        if kind not in _KINDS:
+            return joint
+
+        # its axis, its limits, and the joint that it follows
+        turns = element.find("axis")
+        axis = joint.axis if turns is None else _numbers(turns.get("xyz", ""), 3, f"{where}, axis")
+        length = float(np.linalg.norm(axis))
+        if not length > 0:
+            raise UrdfError(f"{where} has the axis 0 0 0; give the direction it turns about or slides along")
+        scale, limit, sides = _MM if kind == "prismatic" else 1.0, element.find("limit"), [-np.inf, np.inf]
+        if limit is not None and kind != "continuous":
+            words = [limit.get("lower"), limit.get("upper")]
+            for k, one in enumerate(words):
+                if one is not None:
+                    sides[k] = scale * float(_numbers(one, 1, f"{where}, limit", np.inf)[0])
+            if sides[0] == sides[1] == 0.0 or (words[0] is None and words[1] is None):
+                sides = [-np.inf, np.inf]  # both left out, or 0 and 0: how files say that nobody looked the limits up
+            if sides[0] > sides[1]:
+                raise UrdfError(f"{where} has lower={words[0]} above upper={words[1]}; exchange them")
+        follows, mimic = element.find("mimic"), None
+        if follows is not None and follows.get("joint"):
+            offset = scale * float(_numbers(follows.get("offset", "0"), 1, f"{where}, mimic")[0])
+            gain = float(_numbers(follows.get("multiplier", "1"), 1, f"{where}, mimic")[0])
+            mimic = Mimic(str(follows.get("joint")), gain, offset)
+        return replace(joint, axis=axis / length, lower=sides[0], upper=sides[1], mimic=mimic)
     except UrdfError as fault:
         return replace(joint, fault=str(fault))
 
@@ -436,31 +451,6 @@ def _refuse_xacro(elements: list[Element], source: str) -> None:
     for one in elements:
         if one.tag.startswith("xacro:") or any("${" in word for word in one.attrib.values()):
             raise UrdfError(_expand(source))
-
-
-def _moving(joint: Joint, element: Element) -> Joint:
-    """Return the joint with its axis, its limits, and the joint that it follows."""
-    where, turns = f"joint {joint.name!r}", element.find("axis")
-    axis = joint.axis if turns is None else _numbers(turns.get("xyz", ""), 3, f"{where}, axis")
-    length = float(np.linalg.norm(axis))
-    if not length > 0:
-        raise UrdfError(f"{where} has the axis 0 0 0; give the direction it turns about or slides along")
-    scale, limit, sides = _MM if joint.type == "prismatic" else 1.0, element.find("limit"), [-np.inf, np.inf]
-    if limit is not None and joint.type != "continuous":
-        words = [limit.get("lower"), limit.get("upper")]
-        for k, one in enumerate(words):
-            if one is not None:
-                sides[k] = scale * float(_numbers(one, 1, f"{where}, limit", np.inf)[0])
-        if sides[0] == sides[1] == 0.0 or (words[0] is None and words[1] is None):
-            sides = [-np.inf, np.inf]  # both left out, or 0 and 0: how files say that nobody looked the limits up
-        if sides[0] > sides[1]:
-            raise UrdfError(f"{where} has lower={words[0]} above upper={words[1]}; exchange them")
-    follows, mimic = element.find("mimic"), None
-    if follows is not None and follows.get("joint"):
-        offset = scale * float(_numbers(follows.get("offset", "0"), 1, f"{where}, mimic")[0])
-        gain = float(_numbers(follows.get("multiplier", "1"), 1, f"{where}, mimic")[0])
-        mimic = Mimic(str(follows.get("joint")), gain, offset)
-    return replace(joint, axis=axis / length, lower=sides[0], upper=sides[1], mimic=mimic)
 
 
 def _placement(origin: Element | None, where: str) -> Array:

@@ -6,6 +6,9 @@
 `turned` is found from the data, so that the three angles stay small; `motion` is about, or along, the axis by the
 reading plus `zero_J`. The target lies at tool_x, tool_y, tool_z in the frame of the flange. A complex step passes
 through. A test holds it to `kinematics`, which is compiled and tens of times as fast where rows are alike.
+
+The joints hold moments of gravity. The part about a joint's axis loads its drive, which gives way by its compliance: it
+stands at q - kappa torque; the rest bends bearing and link. Masses are the URDF's, and a payload hangs at the target.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,6 +19,7 @@ import numpy as np
 
 from calibench.calibration.kinematics import Chain
 from calibench.calibration.rigid import Array, Numbers, cross
+from calibench.core.notes import DataError
 
 Quantities = Mapping[str, Any]
 PLACE = ("x", "y", "z")
@@ -137,13 +141,8 @@ def turn_slopes(chain: Chain, way: Walk, more: dict[str, Array], measure: Callab
     n = way.target.shape
     axes = {name: axis for name, (axis, _) in way.about.items()} | more
     by_name = dict(zip(axes, measure(np.stack([_spread(axis, n) for axis in axes.values()]))))
-    still = {f"zero_{j.name}": np.zeros(n) for j in chain.joints if j.kind != "rotary"}
-    return _of_readings(chain, by_name | still)
-
-
-def _of_readings(chain: Chain, by_name: dict[str, Array]) -> dict[str, Array]:
-    """Return the slopes with those of the readings: the slope of each following joint's zero times its gain."""
-    for name in chain.driven:
+    by_name |= {f"zero_{j.name}": np.zeros(n) for j in chain.joints if j.kind != "rotary"}
+    for name in chain.driven:  # of a reading: the slope of each following joint's zero times its gain
         parts = [by * by_name[zero] for zero, by in _followers(chain, name).items()]
         by_name[READING + name] = np.asarray(sum(parts[1:], parts[0]))
     return by_name
@@ -188,3 +187,63 @@ def _about(turn: Numbers, axis: Array, angle: Any) -> Numbers:
     c, s = np.cos(angle)[..., None, None], np.sin(angle)[..., None, None]
     kept = _by(turn, along)
     return np.asarray(kept + c * (turn - kept) + s * _by(turn, across))
+
+
+GRAVITY = (0.0, 0.0, -9.81)  # m/s2
+
+
+def torques(
+    chain: Chain, joints: Array, tool: Array, payload: Array, measured: Mapping[str, Array], source: str
+) -> Array:
+    """Return the torque about each driven joint, (n, columns) [N m]: of a `measured` column [N mm], else of gravity.
+
+    `joints` (n, columns) are read, the target is at `tool` (3,) [mm] on the tip, and `payload` (n,) [kg] hangs there.
+    Raises `DataError` where nothing tells what the joints hold.
+    """
+    if all(joint.mass is None for joint in chain.joints) and not payload.any() and not measured:
+        raise DataError(
+            f"level=elastic: nothing tells what the joints hold: masses in the {source}, a column payload_kg, or "
+            "torque_J of a joint J are needed"
+        )
+    numbers = quantities(chain) | dict.fromkeys(BASE, 0.0) | dict(zip(TOOL, tool.tolist(), strict=True))
+    way = walk(chain, np.eye(3), numbers | {READING + name: joints[:, k] for k, name in enumerate(chain.driven)})
+    about = torques_about_axes(chain, moments(chain, way, np.eye(3), payload, np.array(GRAVITY)))
+    for k, name in enumerate(chain.driven):
+        if name in measured:
+            about[:, k] = np.nan_to_num(measured[name])
+    return 1e-3 * about
+
+
+def torques_about_axes(chain: Chain, held: Array) -> Array:
+    """Return the torque that moments `held` (n, J, 3) ask of each driven joint, (n, columns) [N mm]."""
+    gains, _ = chain.following
+    turning = np.array([joint.kind == "rotary" for joint in chain.joints], dtype=float)
+    about = np.stack([held[:, k] @ joint.axis for k, joint in enumerate(chain.joints)], axis=1)
+    return np.asarray((about * turning) @ gains)
+
+
+def moments(chain: Chain, way: Walk, turned: Array, payload: Array, gravity: Array) -> Array:
+    """Return the moments on the joints, (n, J, 3) [N mm], in each joint's own frame."""
+    pull = turned @ gravity  # m/s2, in the tracker's frame
+    n = len(way.target)
+    weights: list[tuple[Array, Array]] = []  # of each moving body: mass (n,) and place (n, 3)
+    turns = [*way.frames[1:], way.flange]
+    for k, joint in enumerate(chain.joints):
+        if joint.mass is None or joint.centre is None:
+            weights.append((np.zeros(n), way.target))
+            continue
+        # the frame that moves with joint k, from that of the next joint before it moves, or of the flange
+        turn, place = turns[k]
+        fixed = chain.joints[k + 1].origin if k + 1 < len(chain.joints) else chain.tail
+        turn = turn @ fixed[:3, :3].T
+        place = place - turn @ fixed[:3, 3]
+        weights.append((np.full(n, joint.mass), place + turn @ joint.centre))
+    weights.append((payload, way.target))
+    on_joints = np.zeros((n, len(chain.joints), 3))
+    for k in range(len(chain.joints)):
+        turn, place = way.frames[k]
+        held = np.zeros((n, 3))
+        for mass, centre in weights[k:]:
+            held -= cross(centre - place, mass[:, None] * pull)
+        on_joints[:, k] = np.einsum("...ji,...j->...i", turn, held)
+    return on_joints

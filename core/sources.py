@@ -65,17 +65,21 @@ def module_digest(module: str) -> str:
     file = file_of(module)
     if file is None:
         return ""
+    modules = dict.fromkeys((module, *map(dotted, closure(file))))
+    _DIGESTS[module] = file_digest(file), tuple((name, _spec(name)) for name in modules)
+    return _DIGESTS[module][0]
+
+
+def file_digest(file: Path) -> str:
+    """Return likewise 12 hexadecimal digits for the code of a file and of the local files that it leads to."""
     root, names = root_of(file), {}
     for path in closure(file):  # a path that is the same on every machine
         base = next((base for base in (_HOME, root) if path.is_relative_to(base)), None)
         names[path] = _SENT.get(path) or (dotted(path) if base is None else path.relative_to(base).as_posix())
     whole = blake2b(digest_size=6)
-    files = sorted(names, key=names.__getitem__)
-    for path in files:
+    for path in sorted(names, key=names.__getitem__):
         whole.update(f"{names[path]}:{_source(path).digest};".encode())
-    modules = dict.fromkeys((module, *map(dotted, files)))
-    _DIGESTS[module] = whole.hexdigest(), tuple((name, _spec(name)) for name in modules)
-    return _DIGESTS[module][0]
+    return whole.hexdigest()
 
 
 def closure(file: Path) -> frozenset[Path]:

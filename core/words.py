@@ -73,6 +73,11 @@ def as_columns(names: Mapping[str, str]) -> str:
     return f"columns={shlex.quote(json.dumps(dict(names), ensure_ascii=False, separators=(',', ':')))}"
 
 
+def as_units(names: Iterable[str], unit: str) -> str:
+    """Return the word that states the unit of columns, `units=x:mm,y:mm`."""
+    return f"units={','.join(f'{name}:{unit}' for name in names)}"
+
+
 def plural(what: str, n: float) -> str:
     """Return the word for `n` of `what`: run, runs."""
     return what if n == 1 else f"{what}s"

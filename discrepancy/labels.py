@@ -38,11 +38,10 @@ def effect_label(machine: str, family: str, target: str, again: bool = False) ->
     if target == "all":
         of_all = words if family in _NOISE else known.label_of_all if known else ""
         return of_all or f"{words} (all)"
-    targets = description_of(machine).targets
-    if part_label(machine, target) and target in targets:
-        return f"{words} of {targets[target]}"
-    if target in targets:
-        return f"{words}, {targets[target]}" if targets[target] else words
+    way = description_of(machine).targets.get(target)
+    if way is not None:
+        between = " of " if way.startswith("the ") else ", "  # a part, or a way
+        return f"{words}{between}{way}" if way else words
     kind = target.partition(" ")[0]
     if kind in _OFTEN:
         return f"{words}, {target}"

@@ -142,7 +142,10 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
         if formula is not None:
             final = after
             gap, lone = gap_of(base, final, unseen, suspects, rng)
-            notes_of_noise = (*notes_of_noise, *_note_of_thinned(base))
+            rows, kept = len(base.at.misclosure), len(thinned(base).at.misclosure)
+            text = f"the formula was looked for on {kept} of {rows} rows, evenly spaced, and fitted to all of them"
+            note = Note(Code.ROWS_THINNED, text, values={"kept": kept, "rows": rows})
+            notes_of_noise = (*notes_of_noise, note) if kept < rows else notes_of_noise
     doubted = base.noise.profiled and not unknown_noise_of(base.model.formulation)
     others = _at_other_noise(base, known.candidates, terms, suspects, rest, seed, level) if doubted else ()
     # the sizes of all rows; the gap stays that of names and sizes of the searched rows, on rows that were not fitted
@@ -153,13 +156,20 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
         effects = {own[0].name: own[0].effect for own in selection.sets}
         findings = tuple(with_sizes(f, effects[f.effect], sized) if f.effect in effects else f for f in findings)
         final = fit_at(final.model, final.noise, sized.x, readings_of(final.at.model), True)
-    findings = tuple(map(_of_these_readings, findings))
+    doubt = reports.Caution(reports.Doubt.UNCONFIRMED)  # of a wave of fitted period, until another set confirms it
+    waves = {f.effect for f in findings if FREE_PERIOD in (c.name for c in f.coefficients)}
+    findings = tuple(replace(f, caution=(*f.caution, doubt)) if f.effect in waves else f for f in findings)
     search = Search(
         machine=machine.name, base=base, final=final, selection=selection, verdict=verdict, findings=findings,
         gap=gap, lone=lone, standing=standing, no_noise=first.no_noise,
     )  # fmt: skip
     # the notes of the data as they hold now that the search is done
-    of_data = [_note_of_rows(int((split != "hold").sum()), int((~hold).sum()), sized is not None)] if searching else []
+    of_data = []
+    if searching:
+        kept, rows = int((~hold).sum()), int((split != "hold").sum())
+        how = ("searched", ", and then sizes fitted to all") if sized else ("fitted and searched", "")
+        text = f"{kept} of {rows} rows, spread over the run, were {how[0]}; the others are held out{how[1]}"
+        of_data.append(Note(Code.ROWS_THINNED, text, values={"kept": kept, "rows": rows}))
     for note in whole.data.notes:
         if note.code is Code.NOT_HELD_OUT and searching:
             continue
@@ -208,12 +218,6 @@ def searched(data: MeasuredData, fitted: NDArray[np.bool_]) -> NDArray[np.bool_]
     return some
 
 
-def _note_of_rows(rows: int, kept: int, sized: bool) -> Note:
-    text = f"{kept} of {rows} rows, spread over the run, were {'searched' if sized else 'fitted and searched'}; "
-    text += "the others are held out, and then sizes fitted to all" if sized else "the others are held out"
-    return Note(Code.ROWS_THINNED, text, values={"kept": kept, "rows": rows})
-
-
 def _of_all_rows(final: Fit, base: Fit, data: MeasuredData) -> Fit | None:
     """Return a fit of some rows of `data` made of all of them; None where noise of single rows was added, or it fails.
 
@@ -225,14 +229,6 @@ def _of_all_rows(final: Fit, base: Fit, data: MeasuredData) -> Fit | None:
     there = there.on(there.data.with_columns(smooth_columns(there, base.x)))
     found = fit(Model(there, final.model.effects), final.noise, final.x)
     return found if found.converged else None
-
-
-def _note_of_thinned(base: Fit) -> tuple[Note, ...]:
-    rows, kept = len(base.at.misclosure), len(thinned(base).at.misclosure)
-    if kept == rows:
-        return ()
-    text = f"the formula was looked for on {kept} of {rows} rows, evenly spaced, and fitted to all of them"
-    return (Note(Code.ROWS_THINNED, text, values={"kept": kept, "rows": rows}),)
 
 
 @final
@@ -409,13 +405,6 @@ def _relearned(found: Selection, noise: Noise) -> tuple[Noise, tuple[Note, ...]]
     return None
 
 
-def _of_these_readings(finding: reports.Finding) -> reports.Finding:
-    """Return a finding with the doubt that a wave of fitted period deserves until another set confirms it."""
-    if FREE_PERIOD not in (c.name for c in finding.coefficients):
-        return finding
-    return replace(finding, caution=(*finding.caution, reports.Caution(reports.Doubt.UNCONFIRMED)))
-
-
 def _short_of(verdict: reports.Verdict, left: reports.Left | None, noise: float = 1.0) -> reports.Verdict:
     """Return the verdict, or "partly" where the remaining error is above `floors_left` noise floors."""
     many = left is not None and left.times > noise * current_thresholds().floors_left
@@ -484,13 +473,11 @@ def in_order(machine: Machine, data: MeasuredData) -> Formulation:
     Rows keep their places when others are held out, or not searched: noise that is carried on fades in between.
     """
 
-    def ordered(rows: MeasuredData) -> MeasuredData:
-        time_ = np.asarray(rows["t_s"]) if rows.has("t_s") else np.arange(len(rows))
-        rows = rows.rows(np.argsort(time_, kind="stable"))
+    def placed(rows: MeasuredData) -> MeasuredData:
         return rows.with_columns({PLACE: np.arange(len(rows), dtype=float)})
 
+    def ordered(rows: MeasuredData) -> MeasuredData:
+        return placed(rows.rows(np.argsort(rows["t_s"], kind="stable")) if rows.has("t_s") else rows)
+
     whole = validate(machine, data, ordered)
-    if whole.data.has(PLACE):
-        return whole
-    places = np.arange(len(whole.data), dtype=float)  # of a machine that makes a table of its own
-    return whole.on(whole.data.with_columns({PLACE: places}))
+    return whole if whole.data.has(PLACE) else whole.on(placed(whole.data))  # some machines make a table of their own

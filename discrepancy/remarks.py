@@ -112,23 +112,21 @@ def notes_of(search: Search, given: Iterable[Note]) -> tuple[Note, ...]:
 
 def bounds_in_words(out: Sequence[Parameter], ends: Mapping[str, float]) -> str:
     """Return where parameters end, and their bounds; of many only the first have numbers, as a table has them all."""
-    many = len(out) > _SHOWN + 1
-    first, others = (out[:_SHOWN], out[_SHOWN:]) if many else (out, ())
-    shown = "; ".join(
-        f"{p.name} ends at {ends[p.name]:.6g} {p.unit}, outside {p.lower:g} to {p.upper:g}" for p in first
-    )
-    return shown + (f"; outside theirs are {len(others)} more: {', '.join(p.name for p in others)}" if many else "")
+    first, others = (out[:_SHOWN], out[_SHOWN:]) if len(out) > _SHOWN + 1 else (out, ())
+    shown = [f"{p.name} ends at {ends[p.name]:.6g} {p.unit}, outside {p.lower:g} to {p.upper:g}" for p in first]
+    if others:
+        shown.append(f"outside theirs are {len(others)} more: {', '.join(p.name for p in others)}")
+    return "; ".join(shown)
 
 
 def outside_bounds(parameters: Iterable[Parameter], ends: Mapping[str, float]) -> tuple[Parameter, ...]:
     """Return the parameters that end outside their bounds, those first that are furthest in widths of their box."""
-    out: list[tuple[float, Parameter]] = []  # how far, and which
-    for p in parameters:
+
+    def beyond(p: Parameter) -> float:
         at = ends.get(p.name, p.lower)
-        far = 0.0 if p.lower <= at <= p.upper else max(p.lower - at, at - p.upper) / max(p.upper - p.lower, _NARROW)
-        if far > 0:
-            out.append((far, p))
-    return tuple(p for _, p in sorted(out, key=lambda one: -one[0]))
+        return max(p.lower - at, at - p.upper) / max(p.upper - p.lower, _NARROW)
+
+    return tuple(sorted((p for p in parameters if beyond(p) > 0), key=lambda p: -beyond(p)))
 
 
 def _told_of(formulation: Formulation, row: int) -> tuple[str, tuple[str, ...], tuple[str, ...]]:

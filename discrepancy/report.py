@@ -408,9 +408,8 @@ class Report:
 
         if not isinstance(readings, MeasuredData):
             if not callable(getattr(readings, "items", None)):
-                raise DataError(
-                    f"readings is a {type(readings).__name__}: MeasuredData, or a mapping of name to numbers, is needed"
-                )
+                kind = type(readings).__name__
+                raise DataError(f"readings is a {kind}: MeasuredData, or a mapping of name to numbers, is needed")
             readings = MeasuredData({name: np.atleast_1d(c) for name, c in readings.items()}, self.machine)
         with np.errstate(invalid="ignore"):  # what is not known of a row makes its prediction NaN
             return predicted_at(at.model, at.best, at.fit.covariance(), plain.best, readings, made)
@@ -486,8 +485,8 @@ def predicted_at(
     at = Model(there, model.effects)
     order = np.argsort(there.data[TO_PREDICT]) if TO_PREDICT in there.data else np.arange(len(there.data))
     # the sign of each reading in the constraints, (n, c) of 1, -1 and 0
-    known_slopes = at.formulation.slopes(at.quantities(x)[1])
-    signs = {name: np.asarray(known_slopes[name]) for name in there.readings}
+    each = at.formulation.slopes(at.quantities(x)[1])
+    signs = {name: np.asarray(each[name]) for name in there.readings}
     size = np.abs(np.stack(list(signs.values())))
     if not ((np.isclose(size, 1.0) | (size == 0)).all() and (np.sum(size > 0, axis=0) == 1).all()):  # some are mixed
         lost = [name for name in there.readings if not known[name].all()]
@@ -539,9 +538,8 @@ def _placed(
     own = {name: np.asarray(data[name], dtype=float) for name in formulation.readings if name in data}
     finite = {name: np.isfinite(own[name]) if name in own else np.zeros(n, dtype=bool) for name in formulation.readings}
     fill = {name: np.where(there, own.get(name, 0.0), 0.0) for name, there in finite.items()}
-    filled = replace(
-        data.with_columns({**fill, TO_PREDICT: np.arange(n)}), metadata={**formulation.data.metadata, **data.metadata}
-    )
+    metadata = {**fitted.metadata, **data.metadata}
+    filled = replace(data.with_columns({**fill, TO_PREDICT: np.arange(n)}), metadata=metadata)
     needed = [*inputs_of(formulation), *([BLOCK] if BLOCK in formulation.data else [])]
     missing = [name for name in needed if name not in filled]
     if not missing:

@@ -65,7 +65,7 @@ def column(paper: str, key: str) -> Column:
         if isinstance(entry, dict) and "value" in entry:
             entries[name] = Constant(
                 value=float(entry["value"]), unit=entry["unit"], place=place,
-                printed=float(entry.get("printed", entry["value"])), why=entry.get("why", ""),
+                printed=float(entry["printed"] if "printed" in entry else entry["value"]), why=entry.get("why", ""),
                 certain=entry.get("certain", True), doubt=entry.get("doubt", ""), kind=entry.get("kind", node["kind"]),
             )  # fmt: skip
     return Column(key, place, entries)

@@ -5,10 +5,12 @@ accuracy of identified parameters is by Pashkevich et al. 2008, section 3.4, whi
 (12) with the covariance of the residuals, which need not be independent (13)-(14).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibench.core.process import one_thread
 from calibench.problems.base import Array, coordinates_of, extra_of
@@ -321,13 +323,15 @@ def leave_one_out(problem: Any, x: Array | None = None) -> LeaveOneOut:
     for k in range(m):
         kept = np.arange(m) != k
         _check_rank(problem, problem.jacobian(x)[kept], f" without residual {k + 1}")
-        found = gauss_newton(
-            lambda p, kept=kept: problem.residuals(p)[kept], lambda p, kept=kept: problem.jacobian(p)[kept], x
-        )
+        found = gauss_newton(_rows_of(problem.residuals, kept), _rows_of(problem.jacobian, kept), x)
         without.append(found)
         errors.append(problem.residuals(found)[k])
     names = tuple(c.name for c in problem.coordinates)
     return LeaveOneOut(names, x, np.array(without), np.array(errors))
+
+
+def _rows_of(function: Callable[[Array], Array], kept: NDArray[np.bool_]) -> Callable[[Array], Array]:
+    return lambda p: np.asarray(function(p)[kept])
 
 
 def _check_rank(problem: Any, j: Array, when: str = "") -> None:

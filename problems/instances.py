@@ -119,6 +119,16 @@ class Box:
         return Box(*np.array(rows).T)
 
 
+def check_noise(
+    family: str, chosen: Mapping[str, Any], unit: str, level: str = "noise", seed: str = "data_seed"
+) -> None:
+    """Raise `ValueError` for a noise or a seed below 0, which are the options `level` and `seed`."""
+    if chosen[level] < 0:
+        raise ValueError(f"{family}.{level}={chosen[level]:g}: a standard deviation [{unit}] cannot be negative")
+    if chosen[seed] < 0:
+        raise ValueError(f"{family}.{seed}={chosen[seed]}: must be 0 or above")
+
+
 def refuse_drawn(family: str, instance: int, given: dict[str, Any], drawn: dict[str, Any]) -> None:
     """Raise `ValueError` for an option that was given otherwise than the instance has it; the same value is no harm."""
     for key, value in drawn.items():

@@ -1,34 +1,39 @@
 """`bench calibrate`: from its words to a calibration, and the files of it: description, readings, JSON and a page.
 
-`bench design machine=arm plan.n=N`: to the poses whose measurement is worth most for this arm.
+`bench design machine=arm plan.n=N`: to the poses whose measurement is worth most for this arm. Files of a measurement
+are one table: those with the same columns follow each other, others with as many rows are joined row by row. A folder
+of folders with hole_0.csv ... (or socket_K) is one place of a tool with sockets each, named by its path.
 """
 
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
 import numpy as np
 
-from calibench.bench.calibration.files import ARM, read_priors, read_table
 from calibench.bench.calibration.words import transforms_text
-from calibench.bench.measured.files import pairs_of, write_columns
-from calibench.bench.measured.sources import OF_A_CALIBRATION
+from calibench.bench.measured.files import pairs_of, read_sockets, socket_files, write_columns
+from calibench.bench.measured.sources import OF_A_CALIBRATION, joined, sets
 from calibench.bench.provenance.environment import made_by
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.verbs import CalibrateWords, HandEyeWords, PosesWords
 from calibench.bench.words import RequestError, check_study, read
+from calibench.calibration import columns
 from calibench.calibration.arm import read_arm
-from calibench.calibration.calibrate import Calibration, Level, calibrate_arm
+from calibench.calibration.calibrate import Calibration, calibrate_arm
 from calibench.calibration.hand_eye_start import Setup
 from calibench.calibration.model import KNOWN_TO
 from calibench.calibration.poses import Design, design_poses
-from calibench.calibration.readings import columns_of
+from calibench.calibration.readings import Table, columns_of
 from calibench.calibration.rigid import Array
 from calibench.calibration.start import HowRead
-from calibench.core.tables.columns import Columns
+from calibench.core.notes import DataError, once
+from calibench.core.plain import json_of
+from calibench.core.tables import csv_table
+from calibench.core.tables.columns import Columns, Declared, Quantity, columns_of as csv_columns
 
 MOST_BOXES = 20
 
@@ -36,43 +41,31 @@ MOST_BOXES = 20
 @final
 @dataclass(frozen=True, kw_only=True)
 class CalibrateRequest:
-    """A calibration of the arm of `urdf`, or of the table `dh`; `stated` goes before the data's own metadata.
+    """The words that were given, how the data are read, and what is `stated` of them before their own metadata.
 
-    `distance` [mm] is that of the two sockets of a place, 0 where it is not known, `sigma_distance` [mm] how well it is
-    known. `level` is how much of the arm is calibrated; auto takes what predicts poses best that were not fitted.
+    `path` is the arm's description; `camera` is how a board was seen, None where none was.
     """
 
-    urdf: Path | None
-    data: str
-    tip: str = ""
-    base: str = ""
-    how: HowRead = field(default_factory=lambda: HowRead(limits=True))
-    stated: Mapping[str, Any] = field(default_factory=dict)
-    distance: float = 0.0
-    sigma_distance: float = KNOWN_TO
-    level: Level = "auto"
-    resamples: int = 200
-    page: bool = True
-    folder: Path = Path("results/calibrate")
-    dh: Path | None = None
-    convention: str = ""
-    command: str = ""
-    priors: str = ""
-    camera: Setup | None = None
+    given: CalibrateWords
+    path: Path
+    how: HowRead
+    stated: Mapping[str, Any]
+    camera: Setup | None
+    folder: Path
+    command: str
 
     def carry_out(self) -> Calibration:
         """Return the calibration. Raises `ValueError`, in one line."""
-        path = self.dh or self.urdf
-        assert path is not None
-        arm = None
-        if self.dh is None:  # what cannot be used of a URDF is said before the data are read
-            arm = read_arm(path, table=False, base=self.base, tip=self.tip)
-        table = read_table(self.data, self.stated)
+        given, arm = self.given, None
+        if given.dh is None:  # what cannot be used of a URDF is said before the data are read
+            arm = read_arm(self.path, table=False, base=given.base, tip=given.tip)
+        table = read_table(given.data, self.stated)
         if arm is None:
-            arm = read_arm(path, table=True, convention=self.convention, option="", data=table, how=self.how)
+            arm = read_arm(self.path, table=True, convention=given.convention, option="", data=table, how=self.how)
         return calibrate_arm(
-            arm, table, how=self.how, distance=self.distance, sigma_distance=self.sigma_distance, level=self.level,
-            resamples=self.resamples, priors=read_priors(self.priors) if self.priors else None, camera=self.camera,
+            arm, table, how=self.how, distance=given.distance or 0.0, level=given.level, resamples=given.resamples,
+            sigma_distance=given.sigma_distance or KNOWN_TO, camera=self.camera,
+            priors=read_priors(given.priors) if given.priors else None,
         )  # fmt: skip
 
 
@@ -105,7 +98,7 @@ def read_calibrate(words: Sequence[str]) -> CalibrateRequest:
     given = read(CalibrateWords, "calibrate", words)
     if given.machine not in ("", "arm"):
         raise RequestError(f"machine={given.machine}: bench calibrate is for machine=arm; discover is for the others")
-    file_of_arm(given, "")
+    path = file_of_arm(given, "")
     check_study(given.study)
     if given.sigma_distance is not None and not given.distance:
         raise RequestError("sigma_distance= says how well distance= is known; state distance= too, or leave it out")
@@ -119,14 +112,9 @@ def read_calibrate(words: Sequence[str]) -> CalibrateRequest:
         key = "read" if given.read else "board_scale"
         raise RequestError(f"{key}= is of a camera; state hand_eye= too, or leave it out")
     return CalibrateRequest(
-        urdf=given.urdf, dh=given.dh, convention=given.convention, tip=given.tip, base=given.base, data=given.data,
-        how=HowRead(given.observe or "", given.rotation, given.limits),
+        given=given, path=path, how=HowRead(given.observe or "", given.rotation, given.limits), camera=camera,
         stated=statements_of(given) | ({} if given.gap is None else {"gap": given.gap}),
-        distance=given.distance or 0.0, sigma_distance=given.sigma_distance or KNOWN_TO, level=given.level,
-        resamples=given.resamples, page=given.page, folder=Path(given.results).expanduser() / given.study,
-        command=shlex.join(["bench", "calibrate", *words]),
-        priors=given.priors,
-        camera=camera,
+        folder=Path(given.results).expanduser() / given.study, command=shlex.join(["bench", "calibrate", *words]),
     )  # fmt: skip
 
 
@@ -134,9 +122,9 @@ def write_calibration(answer: Calibration, request: CalibrateRequest) -> Calibra
     """Write everything of one calibration into its folder; return it with the files' names."""
     folder = request.folder / answer.case
     folder.mkdir(parents=True, exist_ok=True)
-    written = answer.written(request.data) if answer.chosen != "frames" else {}
+    written = answer.written(request.given.data) if answer.chosen != "frames" else {}
     files = {kind: str(_put(folder / name, content)) for kind, (name, content) in written.items()}
-    columns, units, stated = columns_of(answer.readings, request.distance)
+    columns, units, stated = columns_of(answer.readings, request.given.distance or 0.0)
     readings = Columns(columns, stated, units=units)
     files["readings"] = str(write_columns(readings, ARM, folder / OF_A_CALIBRATION))
     if answer.camera is not None and answer.board is not None:
@@ -144,7 +132,7 @@ def write_calibration(answer: Calibration, request: CalibrateRequest) -> Calibra
         text = transforms_text(head, (answer.camera, answer.board))
         files["ros"] = str(_put(folder / "static_transforms.yaml", text.encode()))
     answer = replace(answer, files=files)
-    if request.page:
+    if request.given.page:
         from calibench.bench.calibration.page import write_page  # drawings take half a second to load
 
         files["page"] = str(write_page(answer, folder))
@@ -197,7 +185,7 @@ def _boxes(key: str, numbers: tuple[float, ...] | None, words: Sequence[str], mo
 
 def write_design(design: Design, to: Path) -> tuple[Path, ...]:
     """Write poses to the CSV `to`, as targets of joints, and the error against their number; return the files."""
-    from calibench.bench.calibration.figures import gain_chart
+    from calibench.bench.calibration.page import gain_chart
     from calibench.bench.report.shared.drawing import save
 
     slides = {joint.name for joint in design.chain.joints if joint.kind == "sliding"}
@@ -207,3 +195,67 @@ def write_design(design: Design, to: Path) -> tuple[Path, ...]:
     _put(to, ("\n".join(lines) + "\n").encode())
     _put(targets, (json.dumps(list(design.targets), indent=1) + "\n").encode())
     return to, targets, *save(f"{to.stem}_gain", gain_chart(design), to.parent)
+
+
+_DEMONSTRATIONS = Path(__file__).resolve().parents[2] / "discrepancy" / "demo" / "arm"
+ARM = replace(columns.ARM, demonstrations=_DEMONSTRATIONS)
+_PRIORS = Declared("", (Quantity("name", text=True),))
+
+
+def read_table(named: str, stated: Mapping[str, Any]) -> Table:
+    """Return the table of ``data=named``: a file, a glob, files parted by commas, or a folder. Raises `DataError`."""
+    path = Path(named).expanduser()
+    if named and path.is_dir():
+        # the postures of all sockets of all places below a folder
+        if not socket_files(path):
+            raise DataError(
+                f"{path}: holds no hole_0.csv, hole_1.csv or socket_0.csv in folders by place; name a file of readings"
+            )
+        by_label, note = read_sockets(path, ARM, stated)
+        whole = _one_after_the_other([_of_one(label, content) for label, content in by_label.items()])
+        return replace(whole, name=path.name, notes=(note, *whole.notes))
+    named_sets = sets(named, ARM, stated)
+    several = len(named_sets) > 1
+    contents = [one.columns(ARM, stated, part=several) for one in named_sets]
+    read = [_of_one(one.case, content) for one, content in zip(named_sets, contents, strict=True)]
+    if not several:
+        return read[0]
+    first = set(read[0].columns)
+    if all(set(one.columns) == first for one in read):
+        return _one_after_the_other(read)
+    return _of_one(read[0].name, joined(dict(zip([one.name for one in read], contents, strict=True)), stated))
+
+
+def read_priors(named: str) -> dict[str, tuple[float, float]]:
+    """Return what ``priors=`` states, name -> value and sd: a table with these columns, or JSON. Raises `DataError`."""
+    try:
+        if named.lstrip().startswith("{"):
+            rows = [(name, *pair) for name, pair in json_of(named).items()]
+        else:
+            table = csv_columns(csv_table.read_table(Path(named).expanduser()), _PRIORS).columns
+            rows = list(zip(*(table[key].tolist() for key in ("name", "value", "sd")), strict=True))
+        return {str(name): (float(value), float(sd)) for name, value, sd in rows}
+    except KeyError as error:
+        raise DataError(f"priors={named}: has no column {error}; name, value and sd are needed") from None
+    except OSError as error:
+        raise DataError(f"priors={named}: {error.strerror}") from None
+    except (AttributeError, TypeError, ValueError) as error:
+        raise DataError(f"priors={named}: {error}; name, value and sd are needed, in mm and rad") from None
+
+
+def _of_one(name: str, content: Columns) -> Table:
+    return Table.of(content.columns, name, units=content.units, stated=content.metadata, notes=content.notes)
+
+
+def _one_after_the_other(tables: Sequence[Table]) -> Table:
+    for one in tables[1:]:
+        other = {name for name in one.units if one.units[name] != tables[0].units.get(name)}
+        if other:
+            raise DataError(f"{one.name}: column {min(other)} is in another unit than in {tables[0].name}")
+    columns = {name: np.concatenate([one.columns[name] for one in tables]) for name in tables[0].columns}
+    file, row = (np.concatenate([getattr(one, key) for one in tables]) for key in ("file", "row"))
+    name = "_".join(one.name for one in tables) if len(tables) <= 3 else tables[0].name
+    notes = once(note for one in tables for note in one.notes)
+    return Table(
+        columns=columns, units=tables[0].units, stated=tables[0].stated, file=file, row=row, name=name, notes=notes
+    )

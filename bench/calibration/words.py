@@ -102,10 +102,8 @@ def rows_of_frame(frame: Frame) -> list[list[str]]:
     places = zip("xyz", frame.position, frame.position_se, frame.position_ci95, strict=True)
     for name, value, error, (low, high) in places:
         rows.append([f"{name} [mm]", f"{value:.3f}", plain(error, 2), f"{low:.3f} to {high:.3f}"])
-    quaternion = zip(
-        ("qx", "qy", "qz", "qw"), frame.quaternion, frame.quaternion_se, frame.quaternion_ci95, strict=True
-    )
-    for name, value, error, (low, high) in quaternion:
+    numbers = (frame.quaternion, frame.quaternion_se, frame.quaternion_ci95)
+    for name, value, error, (low, high) in zip(("qx", "qy", "qz", "qw"), *numbers, strict=True):
         rows.append([name, f"{value:.6f}", plain(error, 2), f"{low:.6f} to {high:.6f}"])
     for name, error, within in zip("xyz", frame.turn_se, frame.turn_within95, strict=True):
         about = f"turn about {name} of {frame.parent} [°]"

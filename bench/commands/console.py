@@ -6,8 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite
 from typing import Any
 
-import numpy as np
-
 from calibench.core.words import print_plain as print
 
 _LISTED = 8  # of what was left out of a fit: more are counted
@@ -37,12 +35,12 @@ def print_end(what: str, left_out: Sequence[str], notes: Iterable[object], writt
 
 
 def _plain(value: Any) -> Any:
+    if type(value).__module__ == "numpy":
+        value = value.tolist()
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
+    if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
     pandas = sys.modules.get("pandas")  # who has not loaded it has no missing value of it
     is_missing = pandas is not None and (value is pandas.NA or value is pandas.NaT)
     return None if is_missing or (isinstance(value, float) and not isfinite(value)) else value

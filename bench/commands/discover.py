@@ -12,11 +12,9 @@ from rich.table import Table
 
 from calibench.bench.calibration.request import read_design_poses, write_design
 from calibench.bench.commands.console import print_table
-from calibench.bench.discovery.batch import discover as discover_all
-from calibench.bench.discovery.design import Designed, designed
+from calibench.bench.discovery.batch import Designed, designed, read_design, read_discover, search_all
 from calibench.bench.discovery.page import words as wording
 from calibench.bench.discovery.page.page import smallest, untested_lines
-from calibench.bench.discovery.request import read_design, read_discover
 from calibench.bench.words import split_flags
 from calibench.core.words import plain, print_plain as print, printable
 from calibench.discrepancy.labels import effect_label
@@ -31,7 +29,7 @@ def discover(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("--json", "--retry"))
     request = read_discover(words)
     failed, count = 0, 0
-    for outcome in discover_all(request, retry="--retry" in flags):
+    for outcome in search_all(request, retry="--retry" in flags):
         failed, count = failed + (outcome.record.report is None), count + 1
         if "--json" in flags:
             print(json.dumps(outcome.record.line(), allow_nan=False), flush=True)

@@ -15,7 +15,8 @@ from calibench.bench.commands.console import print_json
 from calibench.bench.gate.processes import CAN_FORK
 from calibench.bench.provenance.environment import library_version, provenance
 from calibench.bench.words import split_flags
-from calibench.core.compilation.compiled import cache_folder
+from calibench.core.compilation import lanes
+from calibench.core.compilation.compiled import cache_folder, kernel_folder
 from calibench.core.kept import cache_root
 from calibench.core.process import libraries
 from calibench.core.words import print_plain as print
@@ -91,11 +92,14 @@ def _blas() -> Iterator[str]:
 
 def _kernels() -> str:
     """Return how many compiled functions of the present sources are kept, and those of other versions."""
-    folder = cache_folder()
-    kept = len([*folder.rglob("*.nbc")])
-    others = [other for other in cache_root().glob("*/") if other != folder and [*other.glob("*/*.nbc")]]
+    here, sources = Path(__file__).resolve().parents[2], [Path(lanes.__file__).resolve()]
+    for room in ("calibration", "problems", "optimizers", "bench"):
+        sources += (here / room).rglob("_*kernels.py")
+    present = {kernel_folder(source) for source in sources}
+    kept = sum(len([*folder.glob("*.nbc")]) for folder in present)
+    others = [other for other in cache_folder().glob("*-*/") if other not in present]
     older = f"; {len(others)} folders of other versions, {_size(others)}, may be deleted" if others else ""
-    return f"{kept} compiled, {_size([folder])} in {folder}{older}"
+    return f"{kept} compiled, {_size([*present])} in {cache_folder()}{older}"
 
 
 def _extras() -> Iterator[str]:

@@ -5,21 +5,20 @@
 
 import shlex
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 
-from calibench.bench.exchange.coco import read_coco
-from calibench.bench.exchange.ioh import read_ioh
-from calibench.bench.exchange.published import PublishedRun, write_study
-from calibench.bench.exchange.studies import Study, read_study, require_free, write_folder
-from calibench.bench.words import split_flags
+from calibench.bench.exchange.coco import read_coco, write_coco
+from calibench.bench.exchange.ioh import read_ioh, write_ioh
+from calibench.bench.exchange.studies import PublishedRun, Study, read_study, require_free, write_folder, write_study
+from calibench.bench.exchange.tables import write_csv, write_latex
+from calibench.bench.words import split_flags, split_word
 from calibench.core.options import suggest
 from calibench.core.words import counted, print_plain as print
 
-_FOLDERS = {
-    "coco": "coco:write_coco", "ioh": "ioh:write_ioh", "csv": "csv_tables:write_csv", "latex": "latex:write_latex",
+_WRITERS: dict[str, Callable[[Study, Path], list[str]]] = {
+    "coco": write_coco, "ioh": write_ioh, "csv": write_csv, "latex": write_latex,
 }  # fmt: skip
-FORMATS = (*_FOLDERS, "mlflow")
+FORMATS = (*_WRITERS, "mlflow")
 _READERS: dict[str, Callable[[Path], list[PublishedRun]]] = {"coco": read_coco, "ioh": read_ioh}
 
 
@@ -31,11 +30,9 @@ def export(argv: list[str]) -> int:
         print("\n".join(write_mlflow(read_study(folder), to)))
         return 0
     study, target = read_study(folder), Path(to)
-    module, _, function = _FOLDERS[name].partition(":")
-    write: Callable[[Study, Path], list[str]] = getattr(import_module(f"calibench.bench.exchange.{module}"), function)
     require_free(target)
     remarks: list[str] = []
-    write_folder(target, lambda folder: remarks.extend(write(study, folder)))
+    write_folder(target, lambda folder: remarks.extend(_WRITERS[name](study, folder)))
     print(f"{target}: " + "\n".join(remarks))
     return 0
 
@@ -58,10 +55,7 @@ def import_study(argv: list[str]) -> int:
 
 def _asked(verb: str, argv: list[str], formats: tuple[str, ...], what: str, example: str) -> tuple[str, str, str]:
     """Return the format, the folder and OUT of ``FORMAT FOLDER --to OUT``."""
-    rest = list(argv)
-    at = rest.index("--to") if "--to" in rest else len(rest)
-    to = rest[at + 1 : at + 2]
-    del rest[at : at + 2]
+    to, rest = split_word(argv, "--to")
     if not to or "--to" in rest:
         raise ValueError(f"{verb}: one --to OUT is needed, such as {example}")
     words = split_flags(rest, ())[1]

@@ -81,7 +81,7 @@ def _rows(kind: str) -> list[dict[str, Any]]:
     if kind == "figures":
         return [{"name": name, "about": shows} for name, shows in _FIGURES.items()]
     if kind == "studies":
-        from calibench.bench.sweep.studies import study_names, study_preset
+        from calibench.bench.sweep.composition import study_names, study_preset
 
         return [{"name": name, "about": (study_preset(name) or {})["description"]} for name in study_names()]
     if kind in ("problems", "optimizers"):

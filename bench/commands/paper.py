@@ -2,10 +2,10 @@
 
 import sys
 
+from calibench.bench.papers.ledger import KINDS
 from calibench.bench.papers.page import NONE, by_kind
 from calibench.bench.papers.rerun import run_paper
-from calibench.bench.papers.row import KINDS
-from calibench.bench.sweep.progress import progress
+from calibench.bench.sweep.carry_out import show_progress
 from calibench.bench.sweep.words import read_budget, read_seeds
 from calibench.bench.verbs import PaperWords
 from calibench.bench.words import read
@@ -23,7 +23,7 @@ def run(argv: list[str]) -> int:
     read_budget(budget, "of a paper", {"ci": 1, "paper": 1})
     if given.seeds:
         read_seeds(given.seeds)
-    with progress() as report:
+    with show_progress() as report:
         ledger = run_paper(budget, given.results, given.seeds or None, given.execution, report, given.to or None)
     papers = {paper: ledger.counts(paper) for paper in dict.fromkeys(row.paper for row in ledger.rows)}
     for verdict, count in ledger.counts().items():

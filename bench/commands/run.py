@@ -1,4 +1,4 @@
-"""``bench run``: a sweep, its summary, and a table of what failed and why."""
+"""``bench run``: a sweep, its summary, what failed and why; ``bench identify``: what data of a problem determine."""
 
 from __future__ import annotations
 
@@ -18,30 +18,32 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibench import problems
 from calibench.bench.commands.cells import best_of, print_summary
-from calibench.bench.commands.console import print_table
-from calibench.bench.commands.status import runs_of_other_shards
+from calibench.bench.commands.console import print_json, print_table
+from calibench.bench.commands.study import runs_of_other_shards
 from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.gate.processes import leaving_nothing
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.names import method_titles, problem_titles
 from calibench.bench.statistics.progress import without_numbers
-from calibench.bench.store.arrays import kept, mask_of
+from calibench.bench.store.arrays import kept, mask_of, to_pandas
 from calibench.bench.store.columns import columns_of
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.store.schema import to_pandas
 from calibench.bench.sweep import costs
-from calibench.bench.sweep.carry_out import Outcome, Way, carry_out, find_stale
-from calibench.bench.sweep.progress import progress
+from calibench.bench.sweep.carry_out import Outcome, Way, carry_out, find_stale, show_progress
+from calibench.bench.sweep.composition import parse, refuse_lists
 from calibench.bench.sweep.remarks import points_outside, remarks_on_rows
-from calibench.bench.sweep.request import Request, read_request
+from calibench.bench.sweep.request import Request, members_of, read_request
 from calibench.bench.sweep.words import read_execution
-from calibench.bench.words import split_flags
+from calibench.bench.verbs import IdentifyWords
+from calibench.bench.words import RequestError, read, split_flags
 from calibench.core import process
-from calibench.core.words import counted, plural, print_plain as print, span
+from calibench.core.words import counted, plain, plural, print_plain as print, span
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
 
 _AGAIN = ("--retry-failed", "--rerun", "--keep", "--drop-planned")  # of one call, not of the study
 _LONG = 40  # rows of a summary that are still printed
@@ -68,7 +70,7 @@ def run(argv: list[str]) -> int:
     command = shlex.join(["bench", "run", *(word for word in argv if word not in _AGAIN)])
 
     def carry(request: Request, command: str) -> Outcome:
-        with progress(request.folder) as report:
+        with show_progress(request.folder) as report:
             return carry_out(request, report, retry, drop, command, way, _tell)
 
     if any(word.partition("=")[0].partition(".")[0] == "tuner" for word in words):
@@ -259,7 +261,7 @@ def _ended_by_sigterm() -> Iterator[None]:
 
 def tune(words: list[str], command: str, carry: Callable[[Request, str], Outcome], dry_run: bool) -> int:
     """Run the default and the trials that `words` ask for; 1 where a run failed or has no row."""
-    from calibench.bench.commands.choose import print_chosen
+    from calibench.bench.commands.compare import print_chosen
     from calibench.bench.statistics.choosing import NEEDED, choose
     from calibench.bench.sweep.tuner import Trial, first_request, read_tuning, trials
 
@@ -310,4 +312,28 @@ def tune(words: list[str], command: str, carry: Callable[[Request, str], Outcome
         reasons = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
         print(f"{reasons}; `bench status {shlex.quote(str(store.folder))}` tells why")
         return 1
+    return 0
+
+
+def identify(argv: list[str]) -> int:
+    flags, words = split_flags(argv, ("--json",))
+    given = read(IdentifyWords, "identify", words)
+    overrides = parse([word for word in words if word.startswith("problem")])
+    refuse_lists(overrides)
+    member = members_of("problem", overrides)[0]
+    if member.broken is not None:
+        raise RequestError(f"problem {member.name} cannot be built: {member.broken.error}")
+    problem = member.built
+    known = problems.identify(problem, noise=given.noise)
+    if "--json" in flags:
+        print_json(known.to_dict())
+        return 0
+    print(f"{getattr(problem, 'name', type(problem).__name__)}: {known.sentence()}\n")
+    unit = known.noise_unit + ("/mm" if any(known.units) else "")
+    print(f"singular values [{unit}]: {'  '.join(f'{plain(s, 3)}' for s in known.singular_values)}\n")
+    rows = [
+        [name, unit, f"{value:.6g}", f"{plain(error, 3)}" if error < float("inf") else "cannot be found"]
+        for name, unit, value, error in zip(known.names, known.units, known.x, known.standard_errors, strict=True)
+    ]
+    print_table(["parameter", "unit", "value", f"standard error at {known.noise:g} {known.noise_unit}"], rows)
     return 0

@@ -6,10 +6,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibench.bench.store.notes import Notes, read_notes, write_notes
+from calibench.bench.commands.console import print_json, print_table
+from calibench.bench.store.manifest import Notes, read_notes, write_notes
 from calibench.bench.tracking.catalogue import catalogue, find_study, line_of
 from calibench.bench.verbs import HistoryWords, TrackingWords, UiWords
-from calibench.bench.words import read, split_flags
+from calibench.bench.words import read, split_flags, split_word
 from calibench.core.words import counted, print_plain as print
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ def list_studies(argv: list[str]) -> int:
     results = Path(*folders) if folders else Path("results")
     found = catalogue(results, [word for word in words if "=" in word])
     if "--json" in flags:
-        _print_json([asdict(entry) for entry in found])
+        print_json([asdict(entry) for entry in found])
         return 0
     if not found:
         print(f"{results}: no study is there that keeps to this")
@@ -35,7 +36,7 @@ def list_studies(argv: list[str]) -> int:
     shown = found if "--all" in flags else found[:_SHOWN]
     lines = [line_of(entry) for entry in shown]
     columns = [name for name in lines[0] if any(line[name] for line in lines)]
-    _print_table(columns, [[" ".join(line[name].split()) for name in columns] for line in lines])
+    print_table(columns, [[" ".join(line[name].split()) for name in columns] for line in lines])
     kinds = {"runs": "study", "discovery": "discovery", "calibration": "calibration"}
     plurals = {"runs": "studies", "discovery": "discoveries", "calibration": "calibrations"}
     counts = {kind: sum(entry.kind == kind for entry in found) for kind in kinds}
@@ -51,16 +52,15 @@ def sql(argv: list[str]) -> int:
 
     flags, words = split_flags(argv[1:], ("--json",))
     if not argv or argv[0].startswith("--") or argv[0].startswith("results="):
-        raise ValueError(
-            'sql: one SELECT is needed, such as bench sql "select study, count(*) from runs group by study"'
-        )
+        such = 'bench sql "select study, count(*) from runs group by study"'
+        raise ValueError(f"sql: one SELECT is needed, such as {such}")
     results = Path(read(TrackingWords, "sql", words).results)
     names, rows, left_out = query(results, argv[0])
     _tell_left_out(left_out)
     if "--json" in flags:
-        _print_json([dict(zip(names, row, strict=True)) for row in rows])
+        print_json([dict(zip(names, row, strict=True)) for row in rows])
     else:
-        _print_table(names, [["-" if cell is None else " ".join(str(cell).split()) for cell in row] for row in rows])
+        print_table(names, [["-" if cell is None else " ".join(str(cell).split()) for cell in row] for row in rows])
     return 0
 
 
@@ -116,9 +116,8 @@ def delete_study(argv: list[str]) -> int:
     mine, others = files_of_ours(folder)
     if "--yes" not in flags:
         if not sys.stdin.isatty():
-            raise ValueError(
-                f"delete: nobody can be asked here; --yes deletes {folder} ({amount(len(mine), entry.size)})"
-            )
+            size = amount(len(mine), entry.size)
+            raise ValueError(f"delete: nobody can be asked here; --yes deletes {folder} ({size})")
         what = f"{entry.kind}, {entry.done} done, {amount(len(mine), entry.size)}"
         print(f"delete {folder}: {what}? Type its name: ", end="")
         sys.stdout.flush()
@@ -149,10 +148,10 @@ def history(argv: list[str]) -> int:
             raise ValueError(f"history --check: {base} and {newest} have no cell in common")
         cells = compared.cells.to_dict("records")
         if "--json" in flags:
-            _print_json({"base": base, "newest": newest, "cells": cells})
+            print_json({"base": base, "newest": newest, "cells": cells})
         else:
             rows = [[str(row[key]) for key in ("verdict", "problem", "optimizer", "why")] for row in cells]
-            _print_table([f"{newest} is", "problem", "optimizer", f"beside {base}"], rows)
+            print_table([f"{newest} is", "problem", "optimizer", f"beside {base}"], rows)
         return 1 if compared.count("worse") else 0
     found, left_out = of.histories(results, asked)
     _tell_left_out(left_out)
@@ -161,28 +160,17 @@ def history(argv: list[str]) -> int:
     if given.to is not None:
         given.to.write_text(of.page(found), encoding="utf-8")
     if "--json" in flags:
-        _print_json([_as_json(one) for one in found])
+        print_json([_as_json(one) for one in found])
         return 0
     for one in found:
         start, budget, target = one.setting[1:]
         print(f"{one.called}, {start} start, budget {budget}" + (f", target {target:g}" if target else ""))
-        rows = []
-        for i, version in enumerate(one.versions):
-            step = one.steps.get(i)
-            said = f"{step.verdict}: {step.why}" if step else "the same values" if version.same else ""
-            where = ", ".join(version.studies)
-            commit = version.commit[:8] + ("+" if version.dirty else "")
-            rows.append(
-                [
-                    f"{version.began:%Y-%m-%d %H:%M}",
-                    commit,
-                    where,
-                    str(len(version.runs)),
-                    of.summary_of(one, version)[3],
-                    said,
-                ]
-            )
-        _print_table(["first run", "commit", "study", "runs", one.shown, "beside the one before"], rows)
+        rows = [
+            [*(str(row[name]) for name in ("when", "commit", "studies", "runs", "value")),
+             f"{row['verdict']}: {row['why']}" if row["verdict"] else row["why"]]
+            for row in of.rows_of(one)
+        ]  # fmt: skip
+        print_table(["first run", "commit", "study", "runs", one.shown, "beside the one before"], rows)
         print(f"{of.sentence(one)}\n")
     if given.to is not None:
         print(given.to)
@@ -193,10 +181,7 @@ def pack_study(argv: list[str]) -> int:
     """Write a study as one file."""
     from calibench.bench.tracking.pack import pack
 
-    words = list(argv)
-    at = words.index("--to") if "--to" in words else len(words)
-    to = words[at + 1 : at + 2]
-    del words[at : at + 2]
+    to, words = split_word(argv, "--to")
     results, [name] = _one("pack", words)
     folder, entry = find_study(results, name)
     path, digest = pack(folder, entry, Path(*to) if to else Path(f"{folder.resolve().name}.zip"))
@@ -311,15 +296,3 @@ def _change(folder: Path, how: Any) -> Notes:
 def _tell_left_out(left_out: "Iterable[LeftOut]") -> None:
     for one in left_out:
         print(f"bench: {one.path}: is left out: {one.why}", file=sys.stderr)
-
-
-def _print_table(columns: list[str], rows: list[list[str]]) -> None:
-    from calibench.bench.commands.console import print_table
-
-    print_table(columns, rows)
-
-
-def _print_json(value: Any) -> None:
-    from calibench.bench.commands.console import print_json
-
-    print_json(value)

@@ -1,44 +1,246 @@
-"""Search sets of measured data for a missing effect: one after the other or side by side, a folder a set.
+"""`bench discover` and `bench design`, and `discover` from Python: the requests, and the searches, a folder a set.
 
 A set that was searched before with the same data, options and code is not searched again. What cannot be read, or
 fails, is a report with an `error`; the others go on. To each finding with rivals comes the measurement that separates
 them, further poses or a second sensor: their distance follows from the data themselves
-(`discrepancy.design.next_poses`).
+(`discrepancy.design.next_poses`). `designed` says what data or a plan can show before anything is fitted.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+import os
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from time import process_time
-from typing import final
+from typing import Any, Literal, final
 
 import numpy as np
 
 from calibench import discrepancy
-from calibench.bench.discovery.request import DiscoverRequest
-from calibench.bench.discovery.schema import SearchRecord
-from calibench.bench.discovery.store import FindingStore
+from calibench.bench.discovery.store import FindingStore, SearchRecord
 from calibench.bench.gate.endings import place_of, text_of
 from calibench.bench.gate.processes import CAN_FORK, WorkerPool
+from calibench.bench.measured.files import pairs_of
 from calibench.bench.measured.sources import Source, sets, sources
 from calibench.bench.provenance.code_digest import digest_of
 from calibench.bench.provenance.environment import provenance
+from calibench.bench.provenance.run_id import canonical
+from calibench.bench.verbs import DesignWords, DiscoverWords
+from calibench.bench.words import RequestError, check_study, keys_of, read, read_workers
 from calibench.core.notes import Code, Note
+from calibench.core.options import Option, coerce, declared_options, read_word, suggest
 from calibench.core.seeds import digest
 from calibench.core.sources import module_digest
 from calibench.core.words import one_line
+from calibench.discrepancy.checks.validate import refuse_no_machine
+from calibench.discrepancy.design.detectability import Design, design
 from calibench.discrepancy.design.next_poses import NextPoses, NoPool, UnknownRival, next_poses
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.machine import Completed, Machine
 from calibench.discrepancy.model.measured import DataError, MeasuredData
-from calibench.discrepancy.registries import description_of, families
+from calibench.discrepancy.registries import description_of, descriptions, families, machines
 from calibench.discrepancy.report import Report
+
+Pages = Literal["auto", "all", "none"]
+
+
+@dataclass(frozen=True)
+class _OfMachine:
+    machine: str
+    machine_options: Mapping[str, Any]
+
+    def build_machine(self) -> Machine:
+        """Return the machine with its options; raise `DataError` for a class that is none."""
+        machine = machines.make(self.machine, **self.machine_options)
+        refuse_no_machine(machine, f"machine={self.machine}")
+        return machine
+
+
+@final
+@dataclass(frozen=True)
+class DiscoverRequest(_OfMachine):
+    """A search in one or more sets of data; `stated` overrides the files' own metadata.
+
+    `across` names further sets of the machine, as `data` does, in which the findings of one set are looked for.
+    """
+
+    data: str
+    stated: Mapping[str, Any]
+    across: str = ""
+    folder: Path = field(default=Path("results/discover"))
+    pages: Pages = "auto"
+    workers: int = 1
+    command: str = ""
+
+    @property
+    def options(self) -> str:
+        """Return all that decides the verdict besides the data, as canonical JSON."""
+        across = {"across": self.across} if self.across else {}
+        machine = {"name": self.machine, **self.machine_options}
+        return canonical({"machine": machine, "stated": dict(self.stated), **across})
+
+
+def read_discover(words: Sequence[str]) -> DiscoverRequest:
+    """Return the search that `words` ask for. Raises `RequestError` or `ValueError`."""
+    given = read(DiscoverWords, "discover", words)
+    stated, options = _of_the_machine(given)
+    if not given.data:
+        raise RequestError("data= is missing: a file, a glob, a folder or a name, such as data=run7.parquet")
+    check_study(given.study)
+    n_jobs = read_workers(-1 if given.n_jobs is None else given.n_jobs)
+    if given.execution == "serial" and given.n_jobs is not None:
+        raise RequestError("execution.n_jobs: execution=serial is one process; add execution=processes")
+    return DiscoverRequest(
+        machine=given.machine, machine_options=options, data=given.data, stated=stated, pages=given.pages,
+        across=given.across.removeprefix("[").removesuffix("]"), folder=Path(given.results).expanduser() / given.study,
+        workers=1 if given.execution == "serial" else (os.cpu_count() or 1) if n_jobs == -1 else n_jobs,
+        command=shlex.join(["bench", "discover", *words]),
+    )  # fmt: skip
+
+
+@final
+@dataclass(frozen=True)
+class DesignRequest(_OfMachine):
+    """A question about data or a plan before anything is fitted.
+
+    Effects are of `size` sigma; `further` is the number of readings to propose that split `rivals` (or the first class
+    of names that look alike).
+    """
+
+    data: str
+    plan: str
+    plan_options: Mapping[str, Any]
+    stated: Mapping[str, Any]
+    size: float
+    rivals: tuple[str, ...]
+    further: int
+
+
+def read_design(words: Sequence[str]) -> DesignRequest:
+    """Return the question that `words` ask. Raises `RequestError` or `ValueError`."""
+    given = read(DesignWords, "design", words)
+    stated, options = _of_the_machine(given)
+    if bool(given.data) == bool(given.plan):
+        raise RequestError("one of data=FILE and plan=NAME is needed")
+    plan = description_of(given.machine).plan
+    rivals = tuple(part.strip() for part in given.rivals.split(",") if part.strip())
+    if len(rivals) == 1:
+        raise RequestError(f"rivals={rivals[0]}: two or more names are needed, with a comma between them")
+    return DesignRequest(
+        machine=given.machine, machine_options=options, data=given.data, plan=given.plan,
+        plan_options=_read(given.plan_options, declared_options(plan) if plan else {}), stated=stated, size=given.size,
+        rivals=rivals, further=given.further,
+    )  # fmt: skip
+
+
+def _of_the_machine(given: DiscoverWords | DesignWords) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what is stated of the data, and the machine's options. Raises `ValueError` for what the machine lacks."""
+    machine = given.machine
+    known = {one.key: one for each in descriptions().values() for one in each.stated}
+    for key in given.stated:
+        if key not in known:
+            choices = [*keys_of(type(given)), *([one.key for one in description_of(machine).stated] or known)]
+            is_option = machine in machines.names() and key in machines.options(machine)
+            way_out = f"machine.{key}= is its option" if is_option else suggest(key, [*choices, "machine.OPTION"])
+            raise RequestError(f"unknown argument {key!r}; {way_out}")
+    if not machine:
+        raise RequestError(f"machine= is missing: a machine; {suggest('', machines.names())}")
+    options = _read(given.options, machines.options(machine))
+    machines.check(machine, options)
+    stated: dict[str, Any] = {key: read_word(text) for key, text in (given.of_data | given.stated).items()}
+    stated |= {key: pairs_of(key, text) for key in ("columns", "units") if (text := getattr(given, key))}
+    read_here = {one.key: one for one in description_of(machine).stated} or known  # one that declares none may read any
+    for key, value in stated.items():
+        if key in known and key not in read_here:
+            is_option = machine in machines.names() and key in machines.options(machine)
+            way_out = f"machine.{key}= is its option" if is_option else suggest(key, read_here)
+            raise RequestError(f"{key}= is nothing that {machine} reads; {way_out}")
+        rule, example = (read_here[key].rule, read_here[key].example) if key in read_here else ("", "")
+        if rule == "positive" and not coerce(key, value, float) > 0:
+            raise RequestError(f"{key}={value}: a number above 0 is needed")
+        if rule == "list" and isinstance(value, str):
+            raise RequestError(f"{key}={value}: a number for each joint is needed, such as {example}")
+        if rule == "names" and not isinstance(value, dict):
+            raise RequestError(f"{key}={value}: a JSON object is needed, such as {example}")
+    return stated, options
+
+
+def _read(typed: Mapping[str, str], declared: Mapping[str, Option]) -> dict[str, Any]:
+    """Return the values of options, each read as it is annotated."""
+    return {key: read_word(text, declared[key].annotation if key in declared else Any) for key, text in typed.items()}
+
+
+_MOST_CLASSES = 6  # that are tried for one that further readings split at all
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Designed:
+    """The answer: what can be detected, and the readings that best split `further.rivals` (None: not asked)."""
+
+    design: Design
+    further: NextPoses | None
+    reason: str
+
+    def to_dict(self, machine: str) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        said = {"schema_version": 1, "machine": machine, **self.design.to_dict()}
+        return said | {"next": None if self.further is None else self.further.to_dict()}
+
+
+def designed(request: DesignRequest) -> Designed:
+    """Return the answer to a request. Raises `RequestError`, `DataError` or `ValueError`, in one line."""
+    if request.data:
+        listed = sets(request.data, request.build_machine().name, request.stated)
+        if len(listed) > 1:
+            raise RequestError(f"data={request.data}: names {len(listed)} sets; design looks at one")
+        data = listed[0].read(request.stated)
+    else:
+        make, names = description_of(request.machine).plan, plan_names(request.machine)
+        if make is None:
+            raise RequestError(f"plan=: {request.machine} has no named plans; give data=FILE with the plan's readings")
+        if request.plan not in names:
+            raise RequestError(f"plan={request.plan}: {suggest(request.plan, names)}")
+        for key in ("columns", "units"):
+            if key in request.stated:
+                raise RequestError(f"{key}=: goes with data=FILE, and plan={request.plan} has its own names")
+        declared = declared_options(make)
+        chosen = {**{k: v for k, v in request.stated.items() if k in declared}, **request.plan_options}
+        for key in chosen:
+            if key not in declared or key == "plan":
+                raise RequestError(f"plan.{key}: {suggest(key, [k for k in declared if k != 'plan'])}")
+        checked = {key: coerce(f"plan.{key}", value, declared[key].type) for key, value in chosen.items()}
+        made = make(request.plan, **checked)
+        data = MeasuredData(made.columns, made.machine, {**made.metadata, **request.stated}, made.name, made.notes)
+    answer = design(request.build_machine(), data, size=request.size)
+    if not request.further:
+        return Designed(answer, None, "")
+    if request.rivals:
+        further = next_poses(request.build_machine(), data, request.rivals, request.further, request.size)
+        return Designed(answer, further, "")
+    best, reason = None, "no two names look alike in these data"
+    for rivals in [names[:_MOST_RIVALS] for names in answer.classes if len(names) > 1][:_MOST_CLASSES]:
+        try:
+            best = next_poses(request.build_machine(), data, rivals, request.further, request.size)
+        except ValueError as error:
+            reason = str(error)
+            continue
+        if best.helps:
+            break
+    return Designed(answer, best, "" if best else reason)
+
+
+def plan_names(machine: str) -> tuple[str, ...]:
+    """Return the plans that can be asked for without data."""
+    make = description_of(machine).plan
+    return tuple(str(choice) for choice in declared_options(make)["plan"].type.__args__) if make else ()
+
 
 _MANY = 24  # sets of data above which pages are not drawn unless asked for: a page takes longer than its search
 _POSES = 4
-_MOST_RIVALS = 4
+_MOST_RIVALS = 4  # names of a class or a set that further readings are asked to split
 _MANY_READINGS = 200  # readings above which it is no advice to take more
 _LEAST = 0.01  # sigma of a finding's visible size
 _APART = 4.0  # sigma: separation at which data distinguish two rivals
@@ -55,7 +257,7 @@ class Outcome:
     page: Path | None
 
 
-def discover(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcome]:
+def search_all(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcome]:
     """Yield the result for each set of data, in order, as soon as it is there; the tables are written at the end.
 
     Raises `DataError` with nothing written where `data=` names nothing, or one set that cannot be used.
@@ -222,10 +424,8 @@ def _between(
     if needed > _MANY_READINGS:
         return "more poses of this kind hardly help to tell", ""
     places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in here.positions)
-    return (
-        f"about {needed} more readings, at places such as {places} mm, would tell",
-        f" (now {now:.1f} standard deviations of the noise apart)",
-    )
+    means = f"about {needed} more readings, at places such as {places} mm, would tell"
+    return means, f" (now {now:.1f} {_UNIT} apart)"
 
 
 def _asked(machine: Machine, data: MeasuredData, rivals: list[str], size: float) -> NextPoses | None:
@@ -234,3 +434,31 @@ def _asked(machine: Machine, data: MeasuredData, rivals: list[str], size: float)
         return next_poses(machine, data, rivals, _POSES, size)
     except (NoPool, UnknownRival):
         return None
+
+
+Readings = str | Path | MeasuredData
+
+
+def discover(machine: str, data: Readings, *, across: Readings | Sequence[Readings] = (), **stated: Any) -> Report:
+    """Return what is missing from the model of `machine`, a registered name or ``FILE.py:Class``, according to `data`.
+
+    `data` is what ``data=`` names on the command line (a file, or a set that ships), or data that are read already.
+    `across` are other sets of the same machine, in the same forms: `report.across` says which findings they carry.
+    `stated` is what the file should state and does not (``sigma_enc=5e-5``, in the units of docs/discover.md). Raises
+    `DataError` in one line for data that cannot be used.
+    """
+    if not isinstance(data, MeasuredData):
+        found = sets(str(data), machine, stated)
+        if len(found) > 1:
+            raise DataError(f"discover: {data} names {len(found)} sets of data; one is needed")
+        data = found[0].read(stated)
+    elif stated:
+        raise TypeError(f"discover: {', '.join(stated)} goes with a file; data that are read already have their own")
+    others: list[MeasuredData] = []
+    for one in [across] if isinstance(across, str | Path | MeasuredData) else across:
+        if isinstance(one, MeasuredData):
+            others.append(one)
+        else:
+            others += [replace(o.read(stated), name=o.case) for o in others_of(str(one), machine)]
+    report = discrepancy.explain(machine, data)
+    return discrepancy.carried(report, others) if others else report

@@ -1,24 +1,31 @@
 """The results of searches on disk: a folder for each file searched, and two tables over all of them.
 
-``<study>/<case>/report.json`` is written last, whole or not at all: a case that has one of the same id has been done.
-``findings.parquet`` (a row for each finding) and ``gaps.parquet`` (a row for each case) are made from the reports.
+``<study>/<case>/report.json``, a `SearchRecord`, is written last, whole or not at all: a case that has one of the same
+id has been done. ``findings.parquet`` (a row for each finding) and ``gaps.parquet`` (a row for each case) are made from
+the reports. ``report.schema.json`` beside this file ships with the package, and a test holds it to the classes;
+``python -m tests.bench.write_report_schema`` writes it anew.
 """
 
+from __future__ import annotations
+
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
+from importlib.resources import files
+from math import nan
 from pathlib import Path
 from typing import Any, final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from calibench.bench.discovery.schema import SCHEMA_VERSION, SearchRecord
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import DISCOVERY, StoreError, is_discovery
 from calibench.core.plain import finite, json_of
-from calibench.discrepancy.report import Gap
+from calibench.discrepancy.report import Gap, Report
 
 _TEXT, _INT, _REAL, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
 _ORIGIN = [
@@ -67,12 +74,8 @@ class FindingStore:
         self.check()
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            manifest: dict[str, Any] = {
-                "kind": DISCOVERY,
-                "schema_version": SCHEMA_VERSION,
-                "study": self.study,
-                "commands": [],
-            }
+            manifest: dict[str, Any] = {"kind": DISCOVERY, "schema_version": SCHEMA_VERSION, "study": self.study}
+            manifest["commands"] = []
             if is_discovery(self.folder):
                 manifest |= json_of((self.folder / "manifest.json").read_bytes())
                 if not command or command in manifest["commands"]:
@@ -139,3 +142,64 @@ def _read(path: Path) -> SearchRecord | None:
         return SearchRecord.from_dict(json_of(path.read_text(encoding="utf-8")))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None  # no record, or one that another version or a hand has spoilt: the case is searched again
+
+
+SCHEMA_VERSION = 1
+OF_THE_FILE = ("case_id", "data_id", "options", "provenance")  # what a line of --json leaves out
+
+
+@final
+@dataclass(frozen=True)
+class SearchRecord:
+    """A report, or the error that ended the search, with the request and the environment.
+
+    `case_id` is a digest of case, data and options, `data_id` of the data alone ("" where they cannot be read);
+    `options` is canonical JSON. `seconds` are of computing.
+    """
+
+    case: str
+    machine: str
+    case_id: str
+    data_id: str = ""
+    options: str = "{}"
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    report: Report | None = None
+    error: str = ""
+    seconds: float = nan
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the record as plain values: the report's own, and beside them the rest."""
+        own = {
+            "schema_version": SCHEMA_VERSION, "case": self.case, "machine": self.machine, "case_id": self.case_id,
+            "data_id": self.data_id, "options": self.options, "provenance": dict(self.provenance),
+        }  # fmt: skip
+        if self.report is None:
+            return {**own, "error": self.error, "seconds": finite(self.seconds)}
+        return {**own, **self.report.to_dict(), "case": self.case}
+
+    def line(self) -> dict[str, Any]:
+        """Return the record as `bench discover --json` prints it, without the fields that only a file needs."""
+        return {key: value for key, value in self.to_dict().items() if key not in OF_THE_FILE}
+
+    @classmethod
+    def from_dict(cls, written: Mapping[str, Any]) -> SearchRecord:
+        """Return the record that `to_dict` wrote. Raises `KeyError` or `ValueError` for any other mapping."""
+        report = None if "error" in written else Report.from_dict(written)
+        seconds = written.get("seconds")
+        return cls(
+            case=str(written["case"]), machine=str(written["machine"]), case_id=str(written.get("case_id", "")),
+            data_id=str(written.get("data_id", "")), options=str(written.get("options", "{}")),
+            provenance=dict(written.get("provenance") or {}), report=report, error=str(written.get("error", "")),
+            seconds=nan if seconds is None else float(seconds),
+        )  # fmt: skip
+
+
+def report_schema() -> dict[str, Any]:
+    """Return the JSON schema (draft 2020-12) of ``report.json`` and of a line of ``bench discover --json``.
+
+    >>> report_schema()["$schema"]
+    'https://json-schema.org/draft/2020-12/schema'
+    """
+    file = files("calibench.bench.discovery").joinpath("report.schema.json")
+    schema: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    return schema

@@ -12,8 +12,8 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
-from calibench.bench.exchange.published import PublishedRun, named_problem, text_of_file
-from calibench.bench.exchange.studies import RunRecord, Study, file_names, gap_of_value, run_records
+from calibench.bench.exchange import studies
+from calibench.bench.exchange.studies import PublishedRun, RunRecord, Study
 from calibench.core.plain import json_of
 from calibench.core.words import counted, listed
 
@@ -34,7 +34,7 @@ _HEADER = (
 
 def write_coco(study: Study, folder: Path) -> list[str]:
     """Write the runs of `study` into `folder`; return remarks, a line each."""
-    runs = run_records(study)
+    runs = studies.run_records(study)
     foreign = set()
     for run in runs:
         name, options = run.row["problem"], run.options
@@ -49,7 +49,7 @@ def write_coco(study: Study, folder: Path) -> list[str]:
             "dimensions 2, 3, 5, 10, 20 and 40; ioh takes any problem"
         )
     begun = [run for run in runs if run.row["charged"]]
-    names = file_names(sorted({run.algorithm for run in begun}))
+    names = studies.file_names(sorted({run.algorithm for run in begun}))
     entries: dict[tuple[str, int, int], list[RunRecord]] = defaultdict(list)
     for run in begun:
         entries[run.algorithm, int(run.options["function"]), int(run.row["dimension"])].append(run)
@@ -62,7 +62,7 @@ def write_coco(study: Study, folder: Path) -> list[str]:
         text = ""  # the lines of each run, the first at evaluation 1 and the last at its end
         for run in mine:
             minimum = run.minimum or 0.0
-            rows = [(p.charged, gap_of_value(p.value, minimum, p.reached), p.value) for p in run.course]
+            rows = [(p.charged, studies.gap_of_value(p.value, minimum, p.reached), p.value) for p in run.course]
             if not rows or rows[0][0] > 1:
                 rows.insert(0, (1, NOT_FINITE, NOT_FINITE))
             if rows[-1][0] < run.row["charged"]:
@@ -74,9 +74,8 @@ def write_coco(study: Study, folder: Path) -> list[str]:
         lines[home / f"bbobexp_f{function}.info"].append(_entry(names[algorithm], function, dimension, data, mine))
     for path, entry in lines.items():
         path.write_text("\n".join(entry) + "\n", encoding="utf-8")
-    done = (
-        f"{counted(len(begun), 'run')} of {counted(len(names), 'algorithm')}: cocopp reads {', '.join(names.values())}"
-    )
+    done = f"{counted(len(begun), 'run')} of {counted(len(names), 'algorithm')}: "
+    done += f"cocopp reads {', '.join(names.values())}"
     lost = f"{counted(len(runs) - len(begun), 'run')} without an evaluation left out: COCO has no place for them"
     return [done, lost] if len(begun) < len(runs) else [done]
 
@@ -89,17 +88,13 @@ def _entry(name: str, function: int, dimension: int, data: str, runs: Sequence[R
     results = []
     for run in runs:
         last = run.course[-1] if run.course else None
-        final = NOT_FINITE if last is None else gap_of_value(last.value, run.minimum or 0.0, last.reached)
+        final = NOT_FINITE if last is None else studies.gap_of_value(last.value, run.minimum or 0.0, last.reached)
         results.append(f"{run.options['instance']}:{run.row['charged']}|{final:.16e}")
     # what the runs of an entry share and for which COCO has no field
     names = ("optimizer", "optimizer_options", "library", "library_version", "start", "budget")
     shared = {name: runs[0].row[name] for name in names if len({run.row[name] for run in runs}) == 1}
-    return "\n".join(
-        [
-            ", ".join(f"{key} = {value}" for key, value in header.items()),
-            COMMENT + json.dumps(shared, sort_keys=True), ", ".join([f"{data}.dat", *results]),
-        ]
-    )  # fmt: skip
+    first = ", ".join(f"{key} = {value}" for key, value in header.items())
+    return "\n".join([first, COMMENT + json.dumps(shared, sort_keys=True), ", ".join([f"{data}.dat", *results])])
 
 
 def read_coco(folder: Path) -> list[PublishedRun]:
@@ -109,7 +104,7 @@ def read_coco(folder: Path) -> list[PublishedRun]:
         raise ValueError(f"import coco: {folder} has no .info file; name the folder of unpacked COCO data")
     runs: list[PublishedRun] = []
     for path in paths:
-        lines = [line for line in text_of_file("coco", path).splitlines() if line.strip()]
+        lines = [line for line in studies.text_of_file("coco", path).splitlines() if line.strip()]
         header: dict[str, str] = {}
         columns: dict[str, Any] = {}
         for line in lines:
@@ -148,7 +143,7 @@ def _read_entry(path: Path, header: dict[str, str], columns: dict[str, Any], lin
         raise ValueError(f"import coco: {data}: has {len(curves)} runs, {path.name} lists {len(listed)}")
     for (instance, count), (minimum, points) in zip(listed, curves, strict=True):
         options = {"function": function, "dimension": dimension, "instance": instance}
-        named = named_problem(suite, options, f"{suite}_f{function:03d}_i{instance:02d}_d{dimension:02d}")
+        named = studies.named_problem(suite, options, f"{suite}_f{function:03d}_i{instance:02d}_d{dimension:02d}")
         improving: list[tuple[int, float]] = []
         for evaluation, gap in points:
             if isfinite(gap) and gap < min(NOT_FINITE, improving[-1][1] if improving else inf):
@@ -174,7 +169,7 @@ def _curves(path: Path, header: dict[str, str]) -> list[tuple[float, list[tuple[
     for file in (file for file in (path, path.with_suffix(".tdat")) if file.is_file()):
         curves: list[tuple[float, list[tuple[int, float]]]] = []
         begun = False
-        for number, line in enumerate(text_of_file("coco", file).splitlines(), 1):
+        for number, line in enumerate(studies.text_of_file("coco", file).splitlines(), 1):
             if line.startswith("%"):
                 if not begun:
                     minimum = _MINIMUM.search(line)

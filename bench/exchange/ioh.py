@@ -14,8 +14,8 @@ from typing import Any
 
 import pandas as pd
 
-from calibench.bench.exchange.published import BBOB, Named, PublishedRun, named_problem, text_of_file
-from calibench.bench.exchange.studies import RunRecord, Study, file_name, file_names, gap_of_value, run_records
+from calibench.bench.exchange import studies
+from calibench.bench.exchange.studies import BBOB, Named, PublishedRun, RunRecord, Study
 from calibench.bench.provenance.environment import library_version
 from calibench.bench.provenance.run_id import canonical
 from calibench.bench.statistics.names import problem_titles
@@ -31,8 +31,8 @@ _KEPT = ("start", "budget", "library", "library_version", "unit")  # of what a d
 
 def write_ioh(study: Study, folder: Path) -> list[str]:
     """Write the runs of `study` into `folder`, a function a title of a problem; return remarks, a line each."""
-    runs = run_records(study)
-    algorithms = file_names(sorted({run.algorithm for run in runs}))
+    runs = studies.run_records(study)
+    algorithms = studies.file_names(sorted({run.algorithm for run in runs}))
     first: dict[str, RunRecord] = {}
     names: dict[str, str] = {}
     groups: dict[tuple[str, str], list[RunRecord]] = defaultdict(list)
@@ -40,7 +40,7 @@ def write_ioh(study: Study, folder: Path) -> list[str]:
         options = {key: value for key, value in run.options.items() if key not in _OF_A_PROBLEM}
         key = canonical({"problem": run.row["problem"], "options": options})
         first.setdefault(key, run)
-        names.setdefault(key, file_name(title))
+        names.setdefault(key, studies.file_name(title))
         groups[run.algorithm, key].append(run)
     numbers: dict[str, int] = {}
     for key, run in first.items():
@@ -66,16 +66,15 @@ def _write_function(home: Path, algorithm: str, number: int, name: str, runs: Se
         path, lines, listed = f"data_f{number}_{name}/IOHprofiler_f{number}_DIM{dimension}.dat", [], []
         for run in mine:
             # an infinite value comes first where a run failed or its first values were not finite
-            rows = [(point.charged, gap_of_value(point.value, run.minimum, point.reached)) for point in run.course]
+            rows = [(one.charged, studies.gap_of_value(one.value, run.minimum, one.reached)) for one in run.course]
             late = run.row["charged"] and (not rows or rows[0][0] > 1)
             lines += [f"{n} {value!r}\n" for n, value in [*([(1, inf)] if late else []), *rows]]
             best, x = float(run.row["best_value"]), run.row["best_x"]
             last = run.course[-1] if run.course else None
-            y = gap_of_value(best, run.minimum, last.reached if last is not None and last.value == best else None)
-            best_of: dict[str, Any] = {
-                "evals": last.charged if last else 0,
-                "y": y if isfinite(y) else None,
-            }  # JSON has no infinity
+            reached = last.reached if last is not None and last.value == best else None
+            y = studies.gap_of_value(best, run.minimum, reached)
+            best_of: dict[str, Any] = {"evals": last.charged if last else 0}
+            best_of["y"] = y if isfinite(y) else None  # JSON has no infinity
             best_of["x"] = [] if x is None else [float(value) for value in x]
             counts = {"instance": _instance(run), "evals": int(run.row["charged"])}
             listed.append(counts | {"best": best_of, "repetition": int(run.row["repetition"])})
@@ -114,7 +113,7 @@ def read_ioh(folder: Path) -> list[PublishedRun]:
     """Return the runs in `folder` and the folders below it."""
     runs: list[PublishedRun] = []
     for path in sorted(folder.rglob("*.json")):
-        text = text_of_file("ioh", path)
+        text = studies.text_of_file("ioh", path)
         try:
             description = json_of(text)
         except ValueError:
@@ -159,7 +158,7 @@ def _runs(path: Path, description: Mapping[str, Any]) -> Iterator[PublishedRun]:
                 if suite in (_CEC, "unknown_suite") and name.startswith(_CEC) and function > _CEC_BEFORE:
                     suite, function = _CEC, function - _CEC_BEFORE
                 options = {"suite": suite, "function": function, "dimension": dimension, "instance": instance}
-                named = named_problem("ioh", options, f"{suite}_f{function}_i{instance}_d{dimension}")
+                named = studies.named_problem("ioh", options, f"{suite}_f{function}_i{instance}_d{dimension}")
                 if named.minimum is None:
                     named = replace(named, minimum=0.0, data_id=f"{named.data_id}_gap")
             yield PublishedRun(
@@ -177,7 +176,7 @@ def _curves(path: Path) -> list[list[tuple[int, float]]]:
         raise ValueError(f"import ioh: {path}: is named in a description and is not there")
     curves: list[list[tuple[int, float]]] = []
     best, at, before = inf, 1, 0
-    for number, line in enumerate(text_of_file("ioh", path).splitlines(), 1):
+    for number, line in enumerate(studies.text_of_file("ioh", path).splitlines(), 1):
         columns = line.split()
         if not columns:
             continue

@@ -14,7 +14,7 @@ from typing import Any
 from calibench.bench.exchange.studies import Study, algorithm_names, course_of, gap_of_level, records, traces_by_run
 from calibench.bench.statistics.cells import CELL
 from calibench.bench.statistics.names import problem_titles
-from calibench.bench.store.notes import Notes, read_notes
+from calibench.bench.store.manifest import read_notes
 from calibench.core.seeds import digest
 from calibench.core.words import counted
 
@@ -95,18 +95,15 @@ def write_mlflow(study: Study, to: str) -> list[str]:
             client.set_terminated(number, status=_STATUS.get(row["status"], "FAILED"))
             known[row["run_id"]] = number
             added += 1
-    _write_notes(client, experiment, read_notes(study.store.folder), known)
+    # tags and notes as they are now: those of the study to the experiment, those of a run to the run
+    noted = read_notes(study.store.folder)
+    client.set_experiment_tag(experiment, "calibench.tags", " ".join(noted.tags))
+    client.set_experiment_tag(experiment, _NOTE, "\n\n".join(noted.of_run(""))[:_LONGEST])
+    for run_id in {note.run_id for note in noted.notes} & known.keys():
+        client.set_tag(known[run_id], _NOTE, "\n\n".join(noted.of_run(run_id))[:_LONGEST])
     again = f", {replaced} of them done again since the last export" if replaced else ""
     where = f"{to}, experiment {study.store.study}"
     return [f"{counted(added, 'run')} added to {where}{again}; {len(runs) - added} stood there"]
-
-
-def _write_notes(client: Any, experiment: str, noted: Notes, numbers: Mapping[str, str]) -> None:
-    """Write tags and notes, as they are now: those of the study to the experiment, those of a run to the run."""
-    client.set_experiment_tag(experiment, "calibench.tags", " ".join(noted.tags))
-    client.set_experiment_tag(experiment, _NOTE, "\n\n".join(noted.of_run(""))[:_LONGEST])
-    for run_id in {note.run_id for note in noted.notes} & numbers.keys():
-        client.set_tag(numbers[run_id], _NOTE, "\n\n".join(noted.of_run(run_id))[:_LONGEST])
 
 
 def _client(to: str) -> Any:

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.bench.execution.request import Pair
+from calibench.bench.execution.request import Judged, Pair, is_stochastic, judged
 from calibench.bench.execution.run_row import COLUMNS
-from calibench.bench.execution.stochastic import Judged, is_stochastic, judged
 from calibench.bench.gate.endings import frames_of, text_of
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.time_limit import JUDGING, Ending

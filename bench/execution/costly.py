@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from calibench import optimizers
 from calibench.bench.execution.in_progress import looked_at
-from calibench.bench.execution.stochastic import is_stochastic
+from calibench.bench.execution.request import is_stochastic
 from calibench.bench.gate.calls import Calls, calls_of, raise_again
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.processes import CAN_FORK, WorkerPool

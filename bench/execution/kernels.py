@@ -22,7 +22,7 @@ from calibench.bench.provenance.run_id import canonical
 from calibench.core.compilation.compiled import heard, load_compiler, seen, tell_compiling, unseen
 from calibench.core.own_state import kept
 from calibench.core.registry import Registry
-from calibench.core.sources import file_of, is_ours
+from calibench.core.sources import file_of, is_ours, module_digest
 from calibench.problems.base import extra_of
 
 _LOADED: set[tuple[str, ...]] = set()  # what problems and the optimisers beside them need that this process has
@@ -99,13 +99,16 @@ def _needed(part: Part) -> str:
 
 def _compile_new(parts: Mapping[str, Part], made: Mapping[str, Any]) -> None:
     """Compile whole what no process has compiled yet: each module's parts in a process of their own, which keeps it."""
-    new = [word for word in unseen(parts) if made.get(word) is not None]
+    own = {
+        word: str(parts[word][0].factory(parts[word][1]).__module__) for word, part in made.items() if part is not None
+    }
+    noted = {f"{word} {module_digest(module)}": word for word, module in own.items()}
+    new = unseen(noted)
     by_module: dict[str, list[Any]] = {}
-    for word in new:
-        registry, name, _ = parts[word]
-        by_module.setdefault(str(registry.factory(name).__module__), []).append(made[word])
+    for word in map(noted.__getitem__, new):
+        by_module.setdefault(own[word], []).append(made[word])
     if len(by_module) > 1:
-        if any(extra_of(made[word], "compile") for word in new):
+        if any(extra_of(made[noted[word]], "compile") for word in new):
             tell_compiling()
             load_compiler()  # once for all of them
         with suppress(ProcessDied):  # compiled here, then

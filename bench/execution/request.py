@@ -3,10 +3,16 @@
 A run that has begun raises nothing, so all checks are here; what a property, which is foreign code, raises is reported
 in one line. A `Pair` has what is the same in all runs of a problem and an optimiser; those of our own classes are kept.
 A user's object is made anew for every run, and its class is first tried in a child process (`probe`).
+
+A problem whose values are noisy says ``stochastic = True`` and draws its noise from ``self.rng``, or has
+``seeded(rng)``. Every run works on a copy with a generator seeded by problem and repetition alone. The lowest value
+that a run has seen is lucky: the answer is judged by ``noise_free(x)``, or by the mean of `FRESH` evaluations that no
+budget pays.
 """
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sized
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench import optimizers, problems
-from calibench.bench.execution.stochastic import check_stochastic, is_stochastic
 from calibench.bench.gate.endings import text_of
+from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.processes import CAN_FORK, Lost, apart
 from calibench.bench.provenance.code_digest import Library, code_digest, library_of
 from calibench.bench.provenance.run_id import canonical, key_of_optimizer, key_of_problem, name_of, options_of, run_id
@@ -155,13 +161,8 @@ def made_pair(
     if key in _MADE:
         return _MADE[key]
     pair = pair_of(problems.make(problem, **problem_options), optimizers.make(optimizer, **optimizer_options))
-    if not (
-        pair.foreign_problem
-        or pair.foreign_optimizer
-        or is_stochastic(pair.problem)
-        or foreign_modules(problems.registry, problem)
-        or foreign_modules(optimizers.registry, optimizer)
-    ):
+    foreign = foreign_modules(problems.registry, problem) + foreign_modules(optimizers.registry, optimizer)
+    if not (pair.foreign_problem or pair.foreign_optimizer or is_stochastic(pair.problem) or foreign):
         if len(_MADE) >= _MOST:
             _MADE.clear()
         _MADE[key] = pair
@@ -500,3 +501,69 @@ def probe(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> Los
                 continue
         return None
     return ended
+
+
+FRESH = 30
+
+
+def is_stochastic(problem: Any) -> bool:
+    """Tell whether the values of `problem` are noisy."""
+    return bool(extra_of(problem, "stochastic", False))
+
+
+def check_stochastic(problem: Any, who: str) -> None:
+    """Raise `ValueError` where `stochastic` of `problem` is not a flag, or no generator can be given to it."""
+    said = extra_of(problem, "stochastic", False)
+    if not isinstance(said, bool | np.bool_):
+        raise ValueError(f"problem {who}: stochastic={said!r}: True or False is needed")
+    if not said:
+        if getattr(problem, "noise_free", None) is not None:
+            raise ValueError(f"problem {who}: noise_free(x) is for stochastic = True, and it is not said")
+        return
+    if not callable(extra_of(problem, "noise_free", float)):
+        raise ValueError(f"problem {who}: noise_free is no method: noise_free(x) returns the value without noise")
+    try:
+        _with_generator(problem, np.random.default_rng(0))
+    except Exception as error:
+        raise ValueError(f"problem {who}: cannot be given a generator: {type(error).__name__}: {error}") from error
+
+
+def seeded(problem: Any, key: Any, repetition: int) -> Any:
+    """Return `problem`, or where it is noisy its copy with the noise of this repetition; `key` names the problem."""
+    if not is_stochastic(problem):
+        return problem
+    return _with_generator(problem, np.random.default_rng(seed_sequence(key, "noise", repetition=repetition)))
+
+
+@final
+@dataclass(frozen=True)
+class Judged:
+    """The answer's value without noise and the fresh evaluations that gave it (0: exact); None: nothing is noisy."""
+
+    value: float | None = None
+    evaluations: int | None = None
+
+
+def judged(problem: Any, x: Array | None, key: Any, repetition: int) -> Judged:
+    """Return the value of the answer `x` from evaluations of its own; infinite where one of them is not finite."""
+    if not is_stochastic(problem) or x is None:
+        return Judged()
+    known = getattr(problem, "noise_free", None)
+    if known is not None:
+        value = float(known(np.array(x)))
+        return Judged(value if np.isfinite(value) else float("inf"), 0)
+    rng = np.random.default_rng(seed_sequence(key, "judge", repetition=repetition))
+    gate = Evaluator(_with_generator(problem, rng), FRESH)
+    return Judged(float(np.mean([gate(x) for _ in range(FRESH)])), FRESH)
+
+
+def _with_generator(problem: Any, rng: np.random.Generator) -> Any:
+    own = getattr(problem, "seeded", None)
+    if own is None:
+        twin = copy.copy(problem)
+        object.__setattr__(twin, "rng", rng)  # also where the class is a frozen dataclass
+        return twin
+    twin = own(rng)
+    if twin is problem or not callable(twin) or not all(hasattr(twin, a) for a in ("lower", "upper", "start")):
+        raise TypeError("seeded(rng) must return another problem like this one, whose calls draw from rng")
+    return twin

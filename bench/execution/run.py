@@ -21,9 +21,8 @@ from calibench.bench.execution import request as asking
 from calibench.bench.execution.answer import Answer, answer_of, asks, hits_of, merit_of, place_of_answer
 from calibench.bench.execution.costly import ReplayFolder, around, check_inner, check_replay
 from calibench.bench.execution.in_progress import Name, followed
-from calibench.bench.execution.request import Array, Asked, Start
+from calibench.bench.execution.request import Array, Asked, Start, is_stochastic, seeded
 from calibench.bench.execution.run_row import SCHEMA_VERSION, RunRow
-from calibench.bench.execution.stochastic import is_stochastic, seeded
 from calibench.bench.gate import time_limit as limits
 from calibench.bench.gate.endings import StopReason, frames_of, text_of
 from calibench.bench.gate.evaluator import Evaluator, TracePoint, scans
@@ -32,7 +31,7 @@ from calibench.bench.gate.processes import CAN_FORK
 from calibench.bench.gate.time_limit import Cut, Ending, Mirror, Phase, Runner, Watch, run_here
 from calibench.bench.provenance.environment import provenance
 from calibench.core.own_state import Kept, kept
-from calibench.core.process import STATED, libraries, one_thread
+from calibench.core.process import STATED, blas, one_thread
 from calibench.core.seeds import begin_generators, digest, global_generators, seed_sequence
 from calibench.core.sources import is_foreign
 from calibench.core.words import counted, html_table
@@ -300,8 +299,9 @@ def make_run(asked: Asked, way: Way, watch: Watch | None = None, found: Found | 
     begin: Callable[[], object] = float  # nothing, as our code draws from rng alone
     if state is not None:
         if not any(name in os.environ for name in STATED):  # a BLAS that was loaded since is held at one thread too
-            for library in libraries().select(user_api="blas").lib_controllers:
-                library.set_num_threads(1)
+            for library in blas():
+                if library.get_num_threads() != 1:
+                    library.set_num_threads(1)
         begin = partial(begin_generators, seed_sequence(*words, "shared", repetition=repetition))
     problem, optimizer = pair.problem, pair.optimizer
     foreign = pair.foreign_problem or pair.foreign_optimizer

@@ -1,6 +1,6 @@
 """A row of ``runs.parquet``: every column is declared here, once, with its type and its meaning.
 
-Execution makes a `RunRow`, `bench.store.schema` makes the Arrow schema of it, and a test holds the list of columns in
+Execution makes a `RunRow`, `bench.store.arrays` makes the Arrow schema of it, and a test holds the list of columns in
 ``docs/results.md`` to it. A field that may be None is null where a run, or a published one, has no such value.
 """
 

@@ -76,10 +76,8 @@ class Evaluator:
         self._scan, self._next_better = scans() if calls.batch or calls.below else (None, None)
         self.has_residuals, self.has_jacobian = self._residuals is not None, self._jacobian is not None
         self.has_gradient = self._gradient is not None
-        self.lower, self.upper = np.array(problem.lower, dtype=float), np.array(problem.upper, dtype=float)
-        self.start = np.array(problem.start if start is None else start, dtype=float)
-        for bounds in (self.lower, self.upper, self.start):
-            bounds.flags.writeable = False
+        self.lower, self.upper = _fixed(problem.lower), _fixed(problem.upper)
+        self.start = _fixed(problem.start if start is None else start)
         self.dimension = len(self.lower)
         self.budget = budget
         self.target = -inf if target is None else target
@@ -513,6 +511,11 @@ class Evaluator:
         else:
             self.trace.append(point)
         self._traced = self.best_value
+
+
+def _fixed(values: Any) -> Array:
+    """Return `values` as an array of which no view can be made writable: Python's bytes hold it."""
+    return np.frombuffer(np.array(values, dtype=float).tobytes())
 
 
 _OPEN: WeakSet[Evaluator] = WeakSet()  # a child that an optimiser forks must not evaluate uncounted

@@ -115,7 +115,6 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
     calls: dict[str, Any] = {"__call__": doors.value, "restart": gate.restart}
     calls |= {name: getattr(doors, name) for name in METHODS[:-1]}
     members: dict[str, Any] = {name: staticmethod(call) for name, call in calls.items()}
-    members |= {name: _fixed(getattr(gate, name)) for name in FIXED}
     face: Any = type("Face", (_Face,), members | {"__slots__": (), "__module__": __name__})()
     object.__setattr__(face, "_gate", gate)
     return face  # type: ignore[no-any-return]
@@ -147,14 +146,6 @@ class _Face:
         return [*KNOWN, *METHODS]
 
 
-def _fixed(value: Any) -> Any:
-    """Return what reads a value that stays the same: a list as a tuple, an array anew each time, without writing."""
-    if isinstance(value, np.ndarray):
-        numbers = value.tobytes()
-        return property(lambda _: np.frombuffer(numbers))
-    return tuple(value) if isinstance(value, list) else value
-
-
 def _live(name: str) -> property:
     """Return a value of the gate that nobody can change: a list as a tuple, an array as a copy without writing."""
     if name in NUMBERS:
@@ -164,12 +155,14 @@ def _live(name: str) -> property:
         value = getattr(face._gate, name)
         if isinstance(value, list):
             return tuple(value)
-        return np.frombuffer(value.tobytes(), dtype=value.dtype) if isinstance(value, np.ndarray) else value
+        if isinstance(value, np.ndarray):
+            return value.view() if name in FIXED else np.frombuffer(value.tobytes())
+        return value
 
     return property(read)
 
 
-for _name in (*NUMBERS, *COPIES):
+for _name in KNOWN:
     setattr(_Face, _name, _live(_name))
 
 

@@ -75,11 +75,9 @@ def _stamps(heads: list[str]) -> dict[str, float] | None:
 
 def _joints_of(cells: Mapping[str, tuple[str, ...]]) -> dict[str, Array]:
     """Return the positions of joints by name; each row says its own order, as several nodes may write one topic."""
-    names: dict[str, list[str]] = {}  # head's begin -> columns of names, and of positions
-    places: dict[str, list[str]] = {}
-    for head in cells:
-        if parted := re.fullmatch(r"(?:field\.)?(name|position)_?(\d*)", head):
-            (names if parted[1] == "name" else places).setdefault("", []).append(head)
+    names, places = (
+        [head for head in cells if re.fullmatch(rf"(?:field\.)?{what}_?\d*", head)] for what in ("name", "position")
+    )
     if not names or not places:
         return {}
 
@@ -92,7 +90,7 @@ def _joints_of(cells: Mapping[str, tuple[str, ...]]) -> dict[str, Array]:
         return [one for one in found if one]
 
     n = len(next(iter(cells.values())))
-    return _by_name([(of(names[""], i, True), of(places[""], i, False)) for i in range(n)])
+    return _by_name([(of(names, i, True), of(places, i, False)) for i in range(n)])
 
 
 def _by_name(rows: list[tuple[list[str], list[str]]]) -> dict[str, Array]:

@@ -12,16 +12,8 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from calibench.bench.measured import files as readers
 from calibench.bench.measured.by_time import GAP, by_time
-from calibench.bench.measured.files import (
-    ENDINGS,
-    as_measured,
-    declared_by,
-    pairs_of,
-    read_columns,
-    read_sockets,
-    socket_files,
-)
 from calibench.core.notes import Code, DataError, Note, once
 from calibench.core.options import suggest
 from calibench.core.tables.columns import Columns, Declared
@@ -50,9 +42,9 @@ class Source:
     def read(self, stated: Mapping[str, Any]) -> MeasuredData:
         """Return the data, what is `stated` before their own metadata; raise `DataError`."""
         if self.path is not None:
-            sockets = bool(socket_files(self.path))
-            content = self.columns(declared_by(self.machine), stated)
-            return as_measured(content, self.path.name if sockets else self.path.stem, stated)
+            sockets = bool(readers.socket_files(self.path))
+            content = self.columns(readers.declared_by(self.machine), stated)
+            return readers.as_measured(content, self.path.name if sockets else self.path.stem, stated)
         from calibench.discrepancy.registries import description_of
 
         for key in ("columns", "units"):
@@ -69,9 +61,9 @@ class Source:
             return joined({one.case: one.columns(declared, stated, part=True) for one in (alone, *self.beside)}, stated)
         if "gap" in stated and not part:
             raise DataError(f"gap= joins files by their times, and {self.path} is one; leave it out")
-        if not socket_files(self.path):
-            return read_columns(self.path, declared, stated, part)
-        by_label, note = read_sockets(self.path, declared, stated)
+        if not readers.socket_files(self.path):
+            return readers.read_columns(self.path, declared, stated, part)
+        by_label, note = readers.read_sockets(self.path, declared, stated)
         contents = list(by_label.values())
         columns = {name: np.concatenate([one.columns[name] for one in contents]) for name in contents[0].columns}
         notes = once((note, *(note for one in contents for note in one.notes)))
@@ -84,7 +76,7 @@ class Source:
             return self.printed
         if self.beside:
             return "".join(one.data_id for one in (replace(self, beside=()), *self.beside))
-        files = [file.path for file in socket_files(self.path)] or [self.path]
+        files = [file.path for file in readers.socket_files(self.path)] or [self.path]
         digest = blake2b(digest_size=8)
         try:
             for file in files:
@@ -104,7 +96,7 @@ def sources(named: str, machine: str | Declared) -> list[Source]:
     The folder's name stands before the stem where two files have the same. Raises `DataError` where nothing has such a
     name.
     """
-    declared = machine if isinstance(machine, Declared) else declared_by(machine)
+    declared = machine if isinstance(machine, Declared) else readers.declared_by(machine)
     by_key: dict[str, Source] = {}
     for word in [part for part in named.split(",") if part] if not _exists(Path(named)) else [named]:
         for source in _sources_of(word, declared):
@@ -125,7 +117,7 @@ def sources(named: str, machine: str | Declared) -> list[Source]:
 
 def sets(named: str, machine: str | Declared, stated: Mapping[str, Any]) -> list[Source]:
     """Return what `sources` does, files of an arm as one set where they hold other columns of as many rows."""
-    declared = machine if isinstance(machine, Declared) else declared_by(machine)
+    declared = machine if isinstance(machine, Declared) else readers.declared_by(machine)
     listed = sources(named, declared)
     if declared.machine != "arm" or not 1 < len(listed) <= _MOST_PARTS or any(one.path is None for one in listed):
         return listed
@@ -176,10 +168,10 @@ def joined(contents: Mapping[str, Columns], stated: Mapping[str, Any]) -> Column
         units |= content.units
 
     # a column in columns= and units= that none of the files has
-    names = pairs_of("columns", stated.get("columns", {}))
+    names = readers.pairs_of("columns", stated.get("columns", {}))
     lost = [("columns", source) for target, source in names.items() if target not in columns]
     known = {*columns, *names.values()}
-    lost += [("units", name) for name in pairs_of("units", stated.get("units", {})) if name not in known]
+    lost += [("units", name) for name in readers.pairs_of("units", stated.get("units", {})) if name not in known]
     for key, name in lost:
         raise DataError(f"{key}: {name} is no column of {', '.join(contents)}; {suggest(name, list(columns))}")
     text = f"{', '.join(contents)} are joined row by row"
@@ -190,14 +182,14 @@ def joined(contents: Mapping[str, Columns], stated: Mapping[str, Any]) -> Column
 
 def shipped_path(name: str, machine: str) -> Path:
     """Return the file of a simulated demonstration. Raises `DataError` for a name there is not."""
-    demonstrations = _demonstrations(declared_by(machine))
+    demonstrations = _demonstrations(readers.declared_by(machine))
     if name not in demonstrations:
         raise DataError(f"{name}: {suggest(name, demonstrations)}")
     return demonstrations[name]
 
 
 def _sources_of(word: str, declared: Declared) -> list[Source]:
-    machine, endings = declared.machine, (*ENDINGS, *declared.files)
+    machine, endings = declared.machine, (*readers.ENDINGS, *declared.files)
     path = Path(word).expanduser()
 
     def of_data(paths: Iterable[Path]) -> list[Path]:
@@ -211,7 +203,7 @@ def _sources_of(word: str, declared: Declared) -> list[Source]:
 
     if path.is_dir():
         files = of_data(path.iterdir())
-        sockets = socket_files(path) if any(column.name == "socket" for column in declared.columns) else []
+        sockets = readers.socket_files(path) if any(column.name == "socket" for column in declared.columns) else []
         if sockets and set(files) <= {file.path for file in sockets}:
             return [Source(_as_case(path.resolve().name), path, machine)]
         if not files:
@@ -248,5 +240,5 @@ def _exists(path: Path) -> bool:
 
 
 def _demonstrations(declared: Declared) -> dict[str, Path]:
-    folder, endings = declared.demonstrations, (*ENDINGS, *declared.files)
+    folder, endings = declared.demonstrations, (*readers.ENDINGS, *declared.files)
     return {p.stem: p for p in sorted(folder.glob("*")) if p.suffix in endings} if folder else {}

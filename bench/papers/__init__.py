@@ -1,7 +1,7 @@
 """The ledger of the papers: each printed number, claim and erratum beside the result of a rerun, with a verdict.
 
 A paper is a module with ``KEY``, ``STUDIES`` (prepared studies that rerun it) and ``rows(evidence)``; `rerun.PAPERS`
-lists them. The verdicts are functions in `row`; `rerun.run_paper` carries out the studies and writes the files.
+lists them. The verdicts are functions in `ledger`; `rerun.run_paper` carries out the studies and writes the files.
 `ADDITIONS` is what the papers add to the report of a study: the command hands it to the report, which knows no paper.
 """
 

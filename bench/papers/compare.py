@@ -12,7 +12,7 @@ from typing import Any
 
 import pandas as pd
 
-from calibench.bench.papers.row import KINDS, VERDICTS
+from calibench.bench.papers.ledger import KINDS, VERDICTS
 from calibench.core.words import listed
 
 _SAME = 1e-9

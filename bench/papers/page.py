@@ -11,8 +11,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, final
 
-from calibench.bench.papers.files import kept, read_rows
-from calibench.bench.papers.row import KINDS, VERDICTS, Row, Verdict
+from calibench.bench.papers.ledger import KINDS, VERDICTS, Row, Verdict, kept, read_rows
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.report.shared.page import Head, Inline, Table, drawing_inside, macros, render
 from calibench.bench.report.study.html_tables import number

@@ -17,9 +17,9 @@ from calibench.bench.statistics.names import problem_titles
 from calibench.bench.statistics.ranking import LOOK, with_looks
 from calibench.bench.statistics.summary import summary
 from calibench.bench.statistics.targets import levels_of
+from calibench.bench.store.arrays import HITS_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, to_pandas
 from calibench.bench.store.hits import columns_for, hit_tables
 from calibench.bench.store.runs import FOLDER_OF, ResultStore
-from calibench.bench.store.schema import HITS_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, to_pandas
 from calibench.core.options import suggest
 from calibench.core.words import counted
 from calibench.problems.suites.black_box import COCO_GAPS

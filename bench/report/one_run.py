@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from calibench import optimizers, problems
 from calibench.bench.provenance.run_id import UNSEEN, chosen_options, given_options
 from calibench.bench.statistics.tables import parameters_in, problem_of
-from calibench.bench.store.manifest import StoreError, studies_in
-from calibench.bench.store.notes import read_notes
+from calibench.bench.store.manifest import StoreError, read_notes, studies_in
 from calibench.bench.store.runs import ResultStore
 from calibench.core.registry import MissingFile, NotImported, names_of_files
 from calibench.core.words import listed, plain

@@ -21,7 +21,7 @@ from scipy.special import ndtr, ndtri
 
 from calibench.bench.statistics import ranking
 from calibench.bench.statistics.cells import METHOD, TASK
-from calibench.bench.statistics.fixed_target import FEWEST, RESAMPLES, weights
+from calibench.bench.statistics.fixed_target import FEWEST, RESAMPLES, in_blocks, weights
 from calibench.bench.statistics.ranking import holm, order_of_scores as order_of, scores
 from calibench.bench.statistics.summary import goal_hits, goals_of, has_chance
 from calibench.bench.statistics.two_studies import beside_fixed, rank_sum_tails, signed_rank_tails
@@ -215,8 +215,10 @@ def ratio_of(both: Sequence[tuple[Side, Side]]) -> Ratio:
     fewest = min(len(side.paid) for pair in shared for side in pair if side.chance)
     if fewest < FEWEST:
         return ratio
-    (_, variance), (drawn, variances) = _log_ratio(shared, resampled=False), _log_ratio(shared, resampled=True)
-    error, errors = np.sqrt(variance[0]), np.sqrt(variances)
+    drawn, variances = np.empty((2, RESAMPLES))
+    for some in in_blocks(max(len(side.paid) for pair in shared for side in pair)):
+        drawn[some], variances[some] = _log_ratio(shared, some)
+    error, errors = np.sqrt(_log_ratio(shared)[1][0]), np.sqrt(variances)
     if error == 0:
         return replace(ratio, low=ratio.value, high=ratio.value)
     t = np.where(np.isfinite(drawn), (drawn - value) / np.where(errors > 0, errors, error), drawn)
@@ -229,8 +231,8 @@ def ratio_of(both: Sequence[tuple[Side, Side]]) -> Ratio:
     )
 
 
-def _log_ratio(shared: Sequence[tuple[Side, Side]], resampled: bool) -> tuple[Array, Array]:
-    """Return the mean over tasks of the log of the ratio of ERTs, and its variance, in each resample or of all runs.
+def _log_ratio(shared: Sequence[tuple[Side, Side]], some: slice | None = None) -> tuple[Array, Array]:
+    """Return the mean over tasks of the log of the ratio of ERTs, and its variance, in `some` resamples or of all runs.
 
     The logarithm of an ERT has the variance ``n / (n - 1) * sum((paid / A - won / k)^2)``, with A and k the sums.
     """
@@ -241,8 +243,9 @@ def _log_ratio(shared: Sequence[tuple[Side, Side]], resampled: bool) -> tuple[Ar
             terms = []
             for side, way in ((a, -1), (b, 1)):
                 n = len(side.paid)
-                weight = weights(n) if resampled and side.chance else np.ones((1, n))
-                weight = weight if way < 0 or paired else weight[::-1]  # other draws than those of the first
+                weight = np.ones((1, n))
+                if some is not None and side.chance:  # of the second other draws than those of the first
+                    weight = weights(n)[:: 1 if way < 0 or paired else -1][some].astype(float)
                 paid, won = weight @ side.paid, weight @ side.won
                 logs = logs + way * np.log(paid / won) / len(shared)
                 term = np.nan_to_num(side.paid / paid[:, None] - side.won / won[:, None], posinf=0.0, neginf=0.0)

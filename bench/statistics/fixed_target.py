@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from calibench.bench.provenance.run_id import canonical
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, by_cell
 from calibench.bench.statistics.summary import chances, success_interval
-from calibench.bench.store.arrays import dictionary, index_in
-from calibench.bench.store.columns import PREFIXES, Array, Counts, Flags, floats, numbered
+from calibench.bench.store.arrays import HITS_SCHEMA, dictionary, index_in, numbers
+from calibench.bench.store.columns import PREFIXES, Array, Counts, Flags, numbered
 from calibench.bench.store.hits import NEVER
 from calibench.core.options import suggest
 
@@ -81,11 +81,6 @@ class Runtimes:
         return np.where(self.charged >= 0, self.charged, np.inf)
 
     @property
-    def earliest(self) -> Array:
-        """Return the counts at which each target may have been reached, infinite where it never was."""
-        return np.where(self.after >= 0, self.after + 1.0, np.inf)
-
-    @property
     def paid(self) -> Array:
         """Return what was spent until each target was reached, or in vain."""
         return np.where(self.charged >= 0, self.charged, np.where(self.asked, self.spent[:, None], 0.0))
@@ -122,44 +117,33 @@ class Hits:
     blocks: tuple[_Block, ...]
 
     @classmethod
-    def of(cls, *tables: pd.DataFrame | pa.Table) -> Self:
-        """Return the hits of tables with columns of `HITS_SCHEMA`."""
-        return cls.joined(tables)
-
-    @classmethod
-    def joined(cls, tables: Iterable[pd.DataFrame | pa.Table]) -> Self:
-        """Return the hits of tables, one after the other: only one has to be there at a time."""
+    def of(cls, tables: pd.DataFrame | pa.Table | Iterable[pa.Table]) -> Self:
+        """Return the hits of tables with columns of `HITS_SCHEMA`, of which only one has to be there at a time."""
+        if isinstance(tables, pd.DataFrame):
+            schema = pa.schema([HITS_SCHEMA.field(name) for name in cls.COLUMNS])
+            tables = pa.Table.from_pandas(tables[cls.COLUMNS], schema, preserve_index=False)
         known: dict[tuple[str, float], int] = {}
-        ids: list[pa.Array] = []
+        ids = [pa.array([], pa.string())]
         blocks: list[_Block] = []
-        for table in tables:
-            coded = {}
-            for name in ("run_id", "quantity"):
-                column = (
-                    table[name]
-                    if isinstance(table, pa.Table)
-                    else pa.chunked_array([pa.array(table[name], pa.string())])
-                )
-                coded[name] = dictionary(column)
-            value, values = pd.factorize(floats(table["target"]))
-            names, quantity = coded["quantity"]
+        for table in [tables] if isinstance(tables, pa.Table) else tables:
+            (named, run), (names, quantity) = (dictionary(table[name]) for name in ("run_id", "quantity"))
+            value, values = pd.factorize(numbers(table["target"]))
             level, different = pd.factorize(quantity * max(len(values), 1) + value)
-            named = names.to_pylist()
-            pairs = [
-                (str(named[code // len(values)]), float(values[code % len(values)])) for code in different.tolist()
-            ]
-            place = np.array([known.setdefault(pair, len(known)) for pair in pairs], dtype=np.int64)
-            before = sum(map(len, ids))
-            ids.append(coded["run_id"][0])
-            counts = [_whole(floats(table[name])) for name in _COUNTS]
-            for begin, end, size in _alike(coded["run_id"][1], level):
-                run, charged, after = (values[begin:end].reshape(-1, size) for values in (coded["run_id"][1], *counts))
-                blocks.append(_Block(run[:, 0] + before, place[level[begin : begin + size]], charged, after))
-        return cls(
-            pa.concat_arrays(ids) if ids else pa.array([], pa.string()),
-            pd.DataFrame(list(known), columns=TARGET).astype({"quantity": str, "target": float}),
-            tuple(blocks),
-        )
+            pairs = zip(
+                names.take(pa.array(different // max(len(values), 1))).to_pylist(), different % max(len(values), 1)
+            )
+            place = np.array(
+                [known.setdefault((name, float(values[k])), len(known)) for name, k in pairs], dtype=np.int64
+            )
+            counts = [numbers(table[name], NEVER) for name in _COUNTS]
+            few = np.int32 if max(each.max(initial=0) for each in counts) < np.iinfo(np.int32).max else np.int64
+            for some, size in _alike(run, level):
+                charged, after = (each[some].reshape(-1, size).astype(few) for each in counts)
+                at = place[level[some][:size]]
+                blocks.append(_Block(run[some][::size] + sum(map(len, ids)), at, charged, after))
+            ids.append(named)
+        targets = pd.DataFrame(list(known), columns=TARGET).astype({"quantity": str, "target": float})
+        return cls(pa.concat_arrays(ids), targets, tuple(blocks))
 
     def of_quantity(self, name: str) -> Hits:
         """Return the hits of the targets of one quantity."""
@@ -179,34 +163,16 @@ class Hits:
         some = [_Block(b.run[k], b.level, b.charged[k], b.after[k]) for b, k in parts if k.any()]
         return replace(self, blocks=tuple(some))
 
-    def different(self) -> pd.DataFrame:
-        """Return the targets that some hit is of."""
-        return self.targets.iloc[np.unique(np.concatenate([[], *(block.level for block in self.blocks)]).astype(int))]
 
-
-def _whole(counts: Array) -> NDArray[Any]:
-    """Return counts as whole numbers of few bytes, `NEVER` where there is none."""
-    kind = np.int32 if np.fmax.reduce(counts, initial=0.0) < np.iinfo(np.int32).max else np.int64
-    return np.where(np.isnan(counts), NEVER, counts).astype(kind)
-
-
-def _alike(run: Counts, level: Counts) -> Iterator[tuple[int, int, int]]:
-    """Yield where runs with the same levels in the same order begin and end, and how many levels they have."""
+def _alike(run: Counts, level: Counts) -> Iterator[tuple[slice, int]]:
+    """Yield where runs with the same levels in the same order stand together, and how many levels they have."""
     begins = np.flatnonzero(np.diff(run, prepend=-1))
     sizes = np.diff(begins, append=len(run))
-    before = np.repeat(np.concatenate([[0], sizes[:-1]])[: len(sizes)], sizes)  # how many the run before has
-    as_before = level == level[np.maximum(np.arange(len(run)) - before, 0)]
-    same = np.diff(sizes, prepend=0) == 0
-    same &= np.logical_and.reduceat(as_before, begins) if len(begins) else same
-    first = np.flatnonzero(~same)
-    for k, end in zip(first.tolist(), [*begins[first[1:]].tolist(), len(run)], strict=True) if len(first) else ():
-        yield int(begins[k]), end, int(sizes[k])
-
-
-def _in_order(codes: Counts, most: int) -> tuple[Counts, Counts]:
-    """Return the different ones of codes below `most`, in order, and the place of each: `np.unique` without sorting."""
-    present = np.bincount(codes, minlength=most) > 0
-    return np.flatnonzero(present), (np.cumsum(present) - 1)[codes]
+    before = np.repeat(np.roll(sizes, 1), sizes)  # how many the run before has
+    unlike = np.append(level != level[np.maximum(np.arange(len(run)) - before, 0)], False)
+    new = np.flatnonzero((np.diff(sizes, prepend=0) != 0) | np.logical_or.reduceat(unlike, begins))
+    for k, end in zip(new.tolist(), [*begins[new[1:]].tolist(), len(run)]):
+        yield slice(int(begins[k]), end), int(sizes[k])
 
 
 def runtimes(hits: Hits | pd.DataFrame, runs: pd.DataFrame, instances: Sequence[str] = ()) -> Iterator[Runtimes]:
@@ -216,16 +182,13 @@ def runtimes(hits: Hits | pd.DataFrame, runs: pd.DataFrame, instances: Sequence[
     """
     hits = hits if isinstance(hits, Hits) else Hits.of(hits)
     rows = pooled(runs, instances)
-    where = index_in(hits.ids, pa.array(rows["run_id"], pa.string())).to_numpy(zero_copy_only=False)
-    row_of = np.where(np.isnan(where.astype(float)), -1, where).astype(np.int64)
+    row_of = numbers(index_in(hits.ids, pa.array(rows["run_id"], pa.string())), -1).astype(np.int64)
     found = [(block, row_of[block.run]) for block in hits.blocks]
     found = [(block, row) for block, row in found if (row >= 0).any()]
-    seen = np.flatnonzero(np.bincount(np.concatenate([[0], *(row + 1 for _, row in found)]).astype(int))[1:])
+    seen = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *(row[row >= 0] for _, row in found)]))
     rows = rows.iloc[seen].reset_index(drop=True)
-    code: dict[int, int] = {}  # of each level, in the order in which they come
-    for block, _ in found:
-        for level in block.level.tolist():
-            code.setdefault(level, len(code))
+    levels = dict.fromkeys(level for block, _ in found for level in block.level.tolist())
+    code = {level: i for i, level in enumerate(levels)}  # in the order in which they come
     targets = hits.targets.iloc[list(code)].reset_index(drop=True)
 
     spent = rows["charged"].to_numpy(dtype=float)
@@ -239,8 +202,8 @@ def runtimes(hits: Hits | pd.DataFrame, runs: pd.DataFrame, instances: Sequence[
             mine = problem[place] == number
             pieces.setdefault(number, []).append((place[mine], columns, block, known[mine]))
     for _, parts in sorted(pieces.items()):
-        at, row = _in_order(np.concatenate([place for place, *_ in parts]), len(rows))
-        level, column = _in_order(np.concatenate([columns for _, columns, *_ in parts]), len(targets))
+        at, row = np.unique(np.concatenate([place for place, *_ in parts]), return_inverse=True)
+        level, column = np.unique(np.concatenate([columns for _, columns, *_ in parts]), return_inverse=True)
         kind = np.result_type(*(block.charged.dtype for *_, block, _ in parts))
         charged, after = np.full((2, len(at), len(level)), _UNASKED, dtype=kind)
         r = c = 0
@@ -342,7 +305,8 @@ def _sums(runs: pd.DataFrame, whole: Iterable[Runtimes], intervals: bool) -> dic
             chance, by_instance = bool(chances_of[number[first]]), len(starts) >= _ENOUGH
             of_cell = {
                 "run": first, "level": one.level, "size": len(rows), "chance": chance, "spent": paid.sum(axis=0),
-                "least": np.where(won, mine.earliest, paid).sum(axis=0), "reached": won.sum(axis=0),
+                "least": np.where(won, np.where(mine.after >= 0, mine.after + 1.0, np.inf), paid).sum(axis=0),
+                "reached": won.sum(axis=0),
                 "runs": mine.asked.sum(axis=0), "resampled": "instances" if by_instance else "runs",
             }  # fmt: skip
             for name, values in of_cell.items():
@@ -452,7 +416,7 @@ def ert_interval(paid: Array, won: Array) -> tuple[Array, Array]:
     products = p, w, p**2, p * w, w**2
     ratio, error = _log_ratio(np.ones((1, units)), products)
     ratios, errors = np.empty((2, RESAMPLES, len(columns)))
-    for drawn in blocks(units):
+    for drawn in in_blocks(units):
         ratios[drawn], errors[drawn] = _log_ratio(weights(units)[drawn].astype(float), products)
     with np.errstate(divide="ignore", invalid="ignore"):
         t = (ratios - ratio) / np.where(errors > 0, errors, error)  # one of equal units has the spread of all
@@ -500,14 +464,14 @@ def weights(units: int) -> NDArray[np.uint8]:
     """Return how often each unit is drawn in each resample, shape (RESAMPLES, units): some times at most."""
     rng = np.random.default_rng(np.random.SeedSequence([*_SEED, units]))
     drawn = np.empty((RESAMPLES, units), dtype=np.uint8)
-    for some in blocks(units):
+    for some in in_blocks(units):
         drawn[some] = rng.multinomial(units, np.full(units, 1 / units), size=len(drawn[some]))
     return drawn
 
 
-def blocks(units: int) -> Iterator[slice]:
+def in_blocks(units: int) -> Iterator[slice]:
     """Yield the resamples in blocks: as numbers, those of 25 000 units would take 200 MB at once."""
-    size = max(8, _AT_ONCE // units // 8 * 8)  # in eights, so that none is summed in another order
+    size = max(8, 4 * _AT_ONCE // units // 8 * 8)  # in eights, so that none is summed in another order
     for begin in range(0, RESAMPLES, size):
         yield slice(begin, min(begin + size, RESAMPLES))
 

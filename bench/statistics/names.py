@@ -11,6 +11,8 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from calibench import optimizers, problems
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, by_cell
 from calibench.bench.statistics.summary import (
@@ -21,7 +23,7 @@ from calibench.bench.statistics.summary import (
     option_text,
     problem_name,
 )
-from calibench.bench.store.columns import Columns, name_rows, parts, plain
+from calibench.bench.store.columns import Columns, name_rows, numbered, parts, plain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -108,25 +110,33 @@ def several(table: Columns) -> list[str]:
     return [column for column in SETTING if len(set(plain(table[column]))) > 1]
 
 
-def settings_that_vary(mine: pd.DataFrame) -> list[str]:
+def settings_that_vary(mine: Columns) -> list[str]:
     """Return which of start, budget and target differ on one problem: what a problem itself decides is no choice."""
-    named = [column for column in PROBLEM if column in mine]  # a table that names none is of one
-    problems_here = len(mine[named].drop_duplicates()) if named else 1
-    return [column for column in SETTING if len(mine[[*named, column]].drop_duplicates()) > problems_here]
+    differ = several(mine)
+    if not differ:
+        return []
+    named = [plain(mine[column]) for column in PROBLEM if column in mine]  # a table that names none is of one
+    problems_here = [*zip(*named, strict=True)] or [()] * len(plain(mine[differ[0]]))
+    count = len(set(problems_here))
+    return [name for name in differ if len({*zip(problems_here, plain(mine[name]), strict=True)}) > count]
 
 
 def method_labels(table: pd.DataFrame) -> pd.Series:
     """Return what each row's method is called, with start, budget and target where it has several on one problem."""
+    import pandas as pd
+
     columns = [name for name in CELL if name in table]
     cells = by_cell(table, columns)
-    first = table[columns].iloc[cells.first].reset_index(drop=True)  # all that names hang on
-    labels = method_names(first)
-    for _, mine in first.groupby(METHOD, sort=False):
-        vary = settings_that_vary(mine)
-        for key, same in mine.groupby(vary, dropna=False) if vary else ():
-            texts = [setting_text(column, value) for column, value in zip(vary, key, strict=True)]
-            labels.loc[same.index] = [", ".join([name, *texts]) for name in labels.loc[same.index]]
-    return labels.take(cells.number).set_axis(table.index)
+    first = table[columns].iloc[cells.first]  # all that names hang on
+    names, methods = method_names(first), numbered(first[name] for name in METHOD)
+    labels = names.tolist()
+    values = {name: first[name].tolist() for name in columns}
+    for method in range(methods.max(initial=-1) + 1):
+        rows = np.flatnonzero(methods == method).tolist()
+        for column in settings_that_vary({name: [values[name][row] for row in rows] for name in columns}):
+            for row in rows:
+                labels[row] += f", {setting_text(column, values[column][row])}"
+    return pd.Series(np.array(labels, dtype=object)[cells.number], index=table.index, dtype=names.dtype)
 
 
 def setting_text(column: str, value: Any) -> str:

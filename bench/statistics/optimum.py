@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from calibench.bench.execution.request import minimum_of, unit_of
-from calibench.bench.execution.stochastic import is_stochastic
+from calibench.bench.execution.request import is_stochastic, minimum_of, unit_of
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.summary import SAME, lowest_below
 from calibench.bench.statistics.tables import problem_of

@@ -22,20 +22,8 @@ from calibench.bench.execution.answer import PREFIX
 from calibench.bench.execution.request import repetitions_of
 from calibench.bench.provenance.run_id import canonical, chosen_options, given_options, options_of
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, ByCell, answers, by_cell, by_number, judged
-from calibench.bench.store.arrays import lists_of
-from calibench.bench.store.columns import (
-    Array,
-    Columns,
-    Flags,
-    floats,
-    known,
-    name_rows,
-    numbered,
-    parts,
-    plain,
-    true,
-    typed,
-)
+from calibench.bench.store.arrays import Array, Flags, lists_of
+from calibench.bench.store.columns import Columns, floats, known, name_rows, numbered, parts, plain, true, typed
 from calibench.core.registry import NotImported, names_of_files
 
 if TYPE_CHECKING:

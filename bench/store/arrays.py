@@ -1,8 +1,9 @@
-"""Arrow's arrays from the values of Python and NumPy and back, and functions of them, without what slows a start down.
+"""Arrow's arrays from the values of Python and NumPy and back, functions of them, and the schemas of results.
 
 `pa.array`, `pa.scalar` and `to_numpy` load pandas: half the time of a small run. Here values are laid out as Arrow's
 columnar format says, and numbers handed to NumPy by DLPack. `pyarrow.compute` takes 40 ms to be imported: what it has
-are calls of `call_function`, of the compiled module beside it, as is `compute` here.
+are calls of `call_function`, of the compiled module beside it, as is `compute` here. A schema is explicit, so that a
+column of nulls keeps its type: a run (`bench.execution.run_row`), a point of a trace, both in one, a target's hit.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, chain
+from types import NoneType
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -17,8 +19,11 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow._compute import CastOptions, SetLookupOptions, call_function
 
+from calibench.bench.execution.run_row import COLUMNS
+
 if TYPE_CHECKING:
     import pandas as pd
+
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -36,15 +41,19 @@ _PYTHON: dict[pa.DataType, tuple[type, Any]] = {
 def array_of(values: Sequence[Any], kind: pa.DataType) -> pa.Array:
     """Return what ``pa.array(values, kind)`` returns, and raise what it raises; None is null."""
     python, number = (list, None) if pa.types.is_list(kind) else _PYTHON.get(kind, (None, None))
-    if python is None or any(value is not None and type(value) is not python for value in values):
+    types = set(map(type, values))
+    if python is None or not types <= {python, NoneType}:
         return pa.array(values, kind)
-    valid = _bits([value is not None for value in values]) if None in values else None
+    valid = None
+    if NoneType in types:
+        valid = _bits([value is not None for value in values])
+        values = [python() if value is None else value for value in values]
     if number is not None:
-        found = np.array([0 if value is None else value for value in values], dtype=number)
+        found = np.array(values, dtype=number)
         return pa.Array.from_buffers(kind, len(values), [valid, pa.py_buffer(found)])
     if python is bool:
-        return pa.Array.from_buffers(kind, len(values), [valid, _bits([value is True for value in values])])
-    parts = [value.encode() if python is str else value for value in (value or python() for value in values)]
+        return pa.Array.from_buffers(kind, len(values), [valid, _bits(values)])
+    parts: Sequence[Any] = [value.encode() for value in values] if python is str else values
     offsets = pa.py_buffer(np.array([*accumulate(map(len, parts), initial=0)], dtype=np.int32))
     if python is str:
         return pa.Array.from_buffers(kind, len(values), [valid, offsets, pa.py_buffer(b"".join(parts))])
@@ -154,3 +163,56 @@ def lists_of(column: pd.Series | pa.ChunkedArray) -> Lists:
     last, some = np.full(len(count), np.nan), count > 0
     last[some] = flat[(np.cumsum(count) - 1)[some]]
     return Lists(flat, np.repeat(np.arange(len(count)), count), np.cumsum(count) - count, count, last)
+
+
+_TYPES = {
+    "string": pa.string(), "int64": pa.int64(), "double": pa.float64(), "bool": pa.bool_(),
+    "timestamp[us, tz=UTC]": pa.timestamp("us", tz="UTC"),
+}  # fmt: skip
+TRACE = "trace"  # the column that holds the points where a run and its trace are one row
+_TYPES |= {f"list<{name}>": pa.list_(kind) for name, kind in _TYPES.items()}
+RUNS_SCHEMA = pa.schema([(column.name, _TYPES[column.parquet]) for column in COLUMNS])
+TRACES_SCHEMA = pa.schema(
+    [
+        ("run_id", pa.string()), ("evaluations", pa.int64()), ("charged", pa.int64()), ("best_value", pa.float64()),
+        ("restart", pa.int64()),
+    ]
+)  # fmt: skip
+HITS_SCHEMA = pa.schema(
+    [
+        ("run_id", pa.string()), ("quantity", pa.string()), ("target", pa.float64()), ("evaluations", pa.int64()),
+        ("charged", pa.int64()), ("evaluations_after", pa.int64()), ("charged_after", pa.int64()),
+        ("seconds", pa.float64()),
+    ]
+)  # fmt: skip  # a row a run and target, null: never reached (`bench.store.hits`)
+POINT = tuple(name for name in TRACES_SCHEMA.names if name != "run_id")
+PART_SCHEMA = RUNS_SCHEMA.append(
+    pa.field(TRACE, pa.list_(pa.struct([(name, TRACES_SCHEMA.field(name).type) for name in POINT])))
+)
+
+
+def in_schema(table: pa.Table, schema: pa.Schema, columns: Sequence[str] | None = None) -> pa.Table:
+    """Return the columns of the schema (or those of `columns`) in its order and of its types."""
+    wanted = pa.schema([field for field in schema if columns is None or field.name in columns])
+    return cast_table(table.select(wanted.names), wanted)
+
+
+def to_pandas(table: pa.Table) -> pd.DataFrame:
+    """Return pandas with lists as Arrow lists, flags as nullable booleans and text as pandas' `str`, held by reference.
+
+    Equal texts are one: a slice or loop of some thousand rows takes a tenth of the time that Arrow's text takes.
+    """
+    import pandas as pd
+
+    texts = {}
+    for field in table.schema:
+        if pa.types.is_string(field.type):
+            coded = compute("dictionary_encode", table[field.name]).combine_chunks()
+            different = np.array([*coded.dictionary.to_pylist(), np.nan], dtype=object)  # the last stands for null
+            text = different[numbers(coded.indices, len(different) - 1)]
+            texts[field.name] = pd.array(text, dtype=pd.StringDtype("python", na_value=np.nan))
+    kinds: dict[pa.DataType, Any] = {kind: pd.ArrowDtype(kind) for kind in table.schema.types if pa.types.is_list(kind)}
+    kinds[pa.bool_()] = pd.BooleanDtype()
+    others = table.drop_columns(list(texts)).to_pandas(types_mapper=kinds.get)
+    columns = {name: texts[name] if name in texts else others[name] for name in table.schema.names}
+    return pd.DataFrame(columns, index=range(len(table)), copy=False)

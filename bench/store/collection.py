@@ -19,10 +19,8 @@ import pyarrow as pa
 from pyarrow._compute import SortOptions
 
 from calibench.bench.store import arrays
-from calibench.bench.store.arrays import Counts, array_of, compute, index_in, kept, numbers
 from calibench.bench.store.atomic_file import temporary_name, write_whole
 from calibench.bench.store.journal import Record
-from calibench.bench.store.schema import PART_SCHEMA, POINT, RUNS_SCHEMA, TRACE, TRACES_SCHEMA, in_schema
 from calibench.bench.store.tables import ORDER, RUNS, TRACES, Tables, metadata, sealed_writer
 
 _CHUNK = 4_000  # runs that are merged at a time
@@ -49,11 +47,11 @@ def collect_into(
     A record that no row can be made of is given to `refuse` and left out.
     """
     origin = metadata(token_hex(8))
-    runs_schema, traces_schema = RUNS_SCHEMA.with_metadata(origin), TRACES_SCHEMA.with_metadata(origin)
+    runs_schema, traces_schema = arrays.RUNS_SCHEMA.with_metadata(origin), arrays.TRACES_SCHEMA.with_metadata(origin)
     new_runs = temporary_name(tables.folder / RUNS)
 
     def write_both(traces_file: Any) -> None:
-        keys = pa.concat_tables([source.keys for source in sources] or [_keys(arrays.empty_table(RUNS_SCHEMA))])
+        keys = pa.concat_tables([source.keys for source in sources] or [_keys(arrays.empty_table(arrays.RUNS_SCHEMA))])
         order = _order(keys)
         whose = order
         if sources:
@@ -95,63 +93,66 @@ def collect_into(
 
 def part_table(records: Sequence[Record], refuse: Callable[[Record], None] = lambda record: None) -> pa.Table:
     """Return records as a table of schema `PART_SCHEMA`; those of which no row can be made go to `refuse`."""
-    fields = [TRACES_SCHEMA.field(name) for name in POINT]
-    kind = PART_SCHEMA.field(TRACE).type
+    fields = [arrays.TRACES_SCHEMA.field(name) for name in arrays.POINT]
+    kind = arrays.PART_SCHEMA.field(arrays.TRACE).type
     tables = []
     try:  # column by column: records of one writer share the names and what is common
         for (names, common), some in itertools.groupby(records, lambda record: (record.names, record.common)):
             own = list(some)
             columns = dict(zip(names, zip(*(json.loads(record.row) for record in own), strict=True), strict=True))
             rows = [
-                array_of(columns[field.name], field.type)
+                arrays.array_of(columns[field.name], field.type)
                 if field.name in columns
-                else pa.repeat(array_of([common.get(field.name)], field.type)[0], len(own))
-                for field in RUNS_SCHEMA
+                else pa.repeat(arrays.array_of([common.get(field.name)], field.type)[0], len(own))
+                for field in arrays.RUNS_SCHEMA
             ]
-            points: list[list[Any]] = [[] for _ in POINT]
+            points: list[list[Any]] = [[] for _ in arrays.POINT]
             offsets = [0]
             for record in own:
                 for column, values in zip(points, json.loads(record.trace), strict=True):
                     column += values
                 offsets.append(len(points[0]))
             traces = pa.StructArray.from_arrays(
-                [array_of(column, field.type) for column, field in zip(points, fields, strict=True)], fields=fields
+                [arrays.array_of(column, field.type) for column, field in zip(points, fields, strict=True)],
+                fields=fields,
             )
-            rows.append(pa.ListArray.from_arrays(array_of(offsets, pa.int32()), traces, type=kind))
-            tables.append(pa.Table.from_arrays(rows, schema=PART_SCHEMA))
+            rows.append(pa.ListArray.from_arrays(arrays.array_of(offsets, pa.int32()), traces, type=kind))
+            tables.append(pa.Table.from_arrays(rows, schema=arrays.PART_SCHEMA))
         return pa.concat_tables(tables)
     except (ValueError, TypeError, OverflowError, pa.ArrowException):
         if len(records) == 1:
             refuse(records[0])
-            return arrays.empty_table(PART_SCHEMA)
+            return arrays.empty_table(arrays.PART_SCHEMA)
     half = len(records) // 2
     return pa.concat_tables([part_table(half_of, refuse) for half_of in (records[:half], records[half:])])
 
 
 def nested(rows: pa.Table, traces: pa.Table) -> pa.Table:
     """Return rows and their traces, which stand in the order of the rows, as one table of schema `PART_SCHEMA`."""
-    place = numbers(index_in(traces["run_id"], rows["run_id"].combine_chunks()))
+    place = arrays.numbers(arrays.index_in(traces["run_id"], rows["run_id"].combine_chunks()))
     counts = np.bincount(place.astype(np.int64), minlength=len(rows))
-    fields = [TRACES_SCHEMA.field(name) for name in POINT]
-    offsets = array_of(np.concatenate([[0], np.cumsum(counts)]).tolist(), pa.int32())
-    points = pa.StructArray.from_arrays([traces[name].combine_chunks() for name in POINT], fields=fields)
-    kind = PART_SCHEMA.field(TRACE).type
-    return rows.append_column(PART_SCHEMA.field(TRACE), pa.ListArray.from_arrays(offsets, points, type=kind))
+    fields = [arrays.TRACES_SCHEMA.field(name) for name in arrays.POINT]
+    offsets = arrays.array_of(np.concatenate([[0], np.cumsum(counts)]).tolist(), pa.int32())
+    points = pa.StructArray.from_arrays([traces[name].combine_chunks() for name in arrays.POINT], fields=fields)
+    field = arrays.PART_SCHEMA.field(arrays.TRACE)
+    return rows.append_column(field, pa.ListArray.from_arrays(offsets, points, type=field.type))
 
 
 def points_of(parts: pa.Table) -> pa.Table:
     """Return the traces of a table of schema `PART_SCHEMA` as a table of points."""
-    traces = parts[TRACE].combine_chunks()
-    of_run = compute("take", parts["run_id"].combine_chunks(), compute("list_parent_indices", traces))
-    return pa.Table.from_arrays([of_run, *compute("list_flatten", traces).flatten()], schema=TRACES_SCHEMA)
+    traces = parts[arrays.TRACE].combine_chunks()
+    of_run = arrays.compute("take", parts["run_id"].combine_chunks(), arrays.compute("list_parent_indices", traces))
+    points = arrays.compute("list_flatten", traces).flatten()
+    return pa.Table.from_arrays([of_run, *points], schema=arrays.TRACES_SCHEMA)
 
 
-def in_order(rows: pa.Table, traces: pa.Table, place: Counts | None = None) -> tuple[pa.Table, pa.Table]:
+def in_order(rows: pa.Table, traces: pa.Table, place: arrays.Counts | None = None) -> tuple[pa.Table, pa.Table]:
     """Return rows and traces sorted by what a run is, or by `place`, and the points of a run by evaluations."""
-    rows = compute("take", rows, arrays.indices(_order(rows) if place is None else place))
-    by_run = traces.append_column("_order", index_in(traces["run_id"], rows["run_id"].combine_chunks()))
+    rows = arrays.compute("take", rows, arrays.indices(_order(rows) if place is None else place))
+    by_run = traces.append_column("_order", arrays.index_in(traces["run_id"], rows["run_id"].combine_chunks()))
     order = SortOptions(sort_keys=[("_order", "ascending"), ("evaluations", "ascending")])
-    return rows, compute("take", by_run, compute("sort_indices", by_run, options=order)).drop_columns(["_order"])
+    by_run = arrays.compute("take", by_run, arrays.compute("sort_indices", by_run, options=order))
+    return rows, by_run.drop_columns(["_order"])
 
 
 def _pieces(new: Iterable[Record | pa.Table], refuse: Callable[[Record], None]) -> Iterator[pa.Table]:
@@ -172,18 +173,18 @@ def _pieces(new: Iterable[Record | pa.Table], refuse: Callable[[Record], None]) 
             waiting, size = [], 0
         if held and (one is None or sum(each.nbytes for each in held) > _PIECE):
             whole = pa.concat_tables(held).combine_chunks()
-            held = [compute("take", whole, arrays.indices(_order(whole)))]
+            held = [arrays.compute("take", whole, arrays.indices(_order(whole)))]
             del whole
             yield held.pop()
 
 
 def _source(table: pa.Table, batches: Iterable[pa.RecordBatch]) -> Source:
     """Return runs of schema `PART_SCHEMA` in order, whose rows are in `batches`, as a source."""
-    rows = _Sequence(iter(batches), PART_SCHEMA)
+    rows = _Sequence(iter(batches), arrays.PART_SCHEMA)
 
     def take(count: int) -> tuple[pa.Table, pa.Table]:
         chosen = rows.take(count).combine_chunks()
-        return chosen.select(RUNS_SCHEMA.names), points_of(chosen)
+        return chosen.select(arrays.RUNS_SCHEMA.names), points_of(chosen)
 
     return Source(_keys(table), take)
 
@@ -200,7 +201,7 @@ class _Sequence:
         """Return the next `count` rows."""
         parts = [self._held]
         while sum(map(len, parts)) < count:
-            parts.append(in_schema(pa.Table.from_batches([next(self._batches)]), self._schema))
+            parts.append(arrays.in_schema(pa.Table.from_batches([next(self._batches)]), self._schema))
         found = pa.concat_tables(parts)
         self._held = found.slice(count).combine_chunks() if len(found) > count else arrays.empty_table(self._schema)
         return found.slice(0, count)
@@ -217,26 +218,26 @@ def _stored(tables: Tables, drop: set[str]) -> Source | None:
     ids = keys["run_id"].combine_chunks()
 
     # how many points of a trace each run has; None where the traces stand in another order
-    counts: Counts | None = None
+    counts: arrays.Counts | None = None
     if traces_file is not None:
         counts, last_at = np.zeros(len(ids), dtype=np.int64), -1
         for batch in traces_file.iter_batches(batch_size=1 << 18, columns=["run_id"], use_threads=False):
-            place = index_in(batch["run_id"], ids)
-            at_run = numbers(place).astype(np.int64)
+            place = arrays.index_in(batch["run_id"], ids)
+            at_run = arrays.numbers(place).astype(np.int64)
             if place.null_count or (len(at_run) and (at_run[0] < last_at or (np.diff(at_run) < 0).any())):
                 counts = None
                 break
             counts += np.bincount(at_run, minlength=len(ids))
             last_at = int(at_run[-1]) if len(at_run) else last_at
     if counts is None or traces_file is None or not (np.diff(_order(keys)) == 1).all():
-        rows, traces = kept(tables.runs(), arrays.mask_of(keep)), tables.traces()
-        traces = kept(traces, arrays.is_in(traces["run_id"], rows["run_id"].combine_chunks()))
+        rows, traces = arrays.kept(tables.runs(), arrays.mask_of(keep)), tables.traces()
+        traces = arrays.kept(traces, arrays.is_in(traces["run_id"], rows["run_id"].combine_chunks()))
         parts = nested(*in_order(rows, traces))
         return _source(parts, parts.to_batches())
 
     ours, theirs = (
         _Sequence(file.iter_batches(batch_size=_CHUNK, use_threads=False), schema)
-        for file, schema in ((runs_file, RUNS_SCHEMA), (traces_file, TRACES_SCHEMA))
+        for file, schema in ((runs_file, arrays.RUNS_SCHEMA), (traces_file, arrays.TRACES_SCHEMA))
     )
     points, at = counts, iter(np.flatnonzero(keep).tolist())
     begin = 0
@@ -245,33 +246,33 @@ def _stored(tables: Tables, drop: set[str]) -> Source | None:
         nonlocal begin
         *_, last = itertools.islice(at, count)
         span = slice(begin, last + 1)
-        rows = kept(ours.take(last + 1 - begin), arrays.mask_of(keep[span]))
-        traces = kept(theirs.take(int(points[span].sum())), arrays.mask_of(np.repeat(keep[span], points[span])))
+        rows = arrays.kept(ours.take(last + 1 - begin), arrays.mask_of(keep[span]))
+        traces = arrays.kept(theirs.take(int(points[span].sum())), arrays.mask_of(np.repeat(keep[span], points[span])))
         begin = last + 1
         return rows, traces
 
-    return Source(kept(keys, arrays.mask_of(keep)), take)
+    return Source(arrays.kept(keys, arrays.mask_of(keep)), take)
 
 
 def _keys(table: pa.Table) -> pa.Table:
     """Return the columns that order the rows, a text that comes often kept once."""
     columns = {name: table[name] for name in ORDER}
     often = [name for name in ORDER if name != "run_id" and pa.types.is_string(columns[name].type)]
-    return pa.table(columns | {name: compute("dictionary_encode", columns[name]) for name in often})
+    return pa.table(columns | {name: arrays.compute("dictionary_encode", columns[name]) for name in often})
 
 
-def _order(rows: pa.Table) -> Counts:
+def _order(rows: pa.Table) -> arrays.Counts:
     """Return the places of rows in the order of `ORDER`, shape (n,); texts are compared by their bytes."""
     keys = []
     for name in ORDER:
         column = rows[name]
-        coded = compute("dictionary_encode", column) if pa.types.is_string(column.type) else column
+        coded = arrays.compute("dictionary_encode", column) if pa.types.is_string(column.type) else column
         coded = coded.unify_dictionaries().combine_chunks()
         if pa.types.is_dictionary(coded.type):
             values = coded.dictionary
             rank = np.empty(len(values), dtype=np.int64)
-            rank[numbers(compute("array_sort_indices", values))] = np.arange(len(values))
-            keys.append(rank[numbers(coded.indices)])
+            rank[arrays.numbers(arrays.compute("array_sort_indices", values))] = np.arange(len(values))
+            keys.append(rank[arrays.numbers(coded.indices)])
         else:
-            keys.append(numbers(coded))
+            keys.append(arrays.numbers(coded))
     return np.lexsort(keys[::-1]) if len(rows) else np.empty(0, dtype=np.int64)

@@ -20,9 +20,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from calibench.bench.execution.answer import PREFIX, offered
-from calibench.bench.store.arrays import Array, Counts, Flags, Lists, index_in, lists_of, mask_of, numbers
+from calibench.bench.store import arrays
+from calibench.bench.store.arrays import Array, Counts, Flags, Lists
 from calibench.bench.store.columns import columns_of, floats, known, numbered, plain, true
-from calibench.bench.store.schema import HITS_SCHEMA, RUNS_SCHEMA, to_pandas
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -99,14 +99,14 @@ def _by_the_answer(points: Points, best_evaluation: Counts, reached: Flags) -> C
 def columns_for(quantities: Iterable[str]) -> list[str]:
     """Return the columns of runs that hits of these quantities are made from."""
     columns = ["merit" if name.startswith(PREFIX) else name for name in quantities]
-    return list(dict.fromkeys([*NEEDED, *(name for name in columns if name in RUNS_SCHEMA.names)]))
+    return list(dict.fromkeys([*NEEDED, *(name for name in columns if name in arrays.RUNS_SCHEMA.names)]))
 
 
 def declared_levels(runs: pd.DataFrame) -> pd.DataFrame:
     """Return the levels that the runs themselves name: their problem's targets and the value that ends the run."""
     import pandas as pd
 
-    number, targets = numbered(runs[name] for name in PROBLEM), lists_of(runs["targets"])
+    number, targets = numbered(runs[name] for name in PROBLEM), arrays.lists_of(runs["targets"])
     place, different = pd.factorize(np.concatenate([targets.flat, floats(runs["target"])]))  # NaN is -1
     problem = np.concatenate([number[targets.row], number])
     keys = [*runs[PROBLEM].iloc[np.unique(number, return_index=True)[1]].itertuples(index=False, name=None)]
@@ -139,7 +139,7 @@ def hit_tables(rows: pa.Table, traces: Iterable[pa.Table], levels: pd.DataFrame)
     held: list[pa.Table] = []
     begin = 0
     for batch in traces:
-        place = index_in(batch["run_id"], ids)
+        place = arrays.index_in(batch["run_id"], ids)
         here = batch.append_column("_row", place).filter(place.is_valid())
         if not len(here):
             continue
@@ -147,10 +147,10 @@ def hit_tables(rows: pa.Table, traces: Iterable[pa.Table], levels: pd.DataFrame)
         end = int(here["_row"][-1].as_py())  # of this run there may be more to come
         if end - begin >= _CHUNK:
             whole = pa.concat_tables(held)
-            done = numbers(whole["_row"]) < end
-            for chunk, points in _cut(rows, whole.filter(mask_of(done)), begin, end):
+            done = arrays.numbers(whole["_row"]) < end
+            for chunk, points in _cut(rows, whole.filter(arrays.mask_of(done)), begin, end):
                 yield _hits(chunk, points, by_problem)
-            held, begin = [whole.filter(mask_of(~done))], end
+            held, begin = [whole.filter(arrays.mask_of(~done))], end
     rest = pa.concat_tables(held) if held else None
     for chunk, points in _cut(rows, rest, begin, len(rows)):
         yield _hits(chunk, points, by_problem)
@@ -173,19 +173,19 @@ _Runs = Mapping[str, NDArray[Any]]  # columns of some runs as arrays: those of a
 def _hits(chunk: pa.Table, points: Points, by_problem: Mapping[Any, Sequence[_Quantity]]) -> pa.Table:
     """Return the rows of all problems as one table, in the order of the runs."""
     quantities = {one.name for levels in by_problem.values() for one in levels}
-    figures = offered(to_pandas(chunk.select(["merit"]))) if "merit" in chunk.column_names else {}
+    figures = offered(arrays.to_pandas(chunk.select(["merit"]))) if "merit" in chunk.column_names else {}
     columns = {**columns_of(chunk), **{name: figures[name] for name in figures if name in quantities}}
     measured = {name for name in ("best_value", "judged_value", "wall_s", *quantities) if name in columns}
     runs: _Runs = {
         **{name: floats(columns[name]) for name in measured},
-        **{name: numbers(columns[name]) for name in ("best_evaluation", "evaluations")},
+        **{name: arrays.numbers(columns[name]) for name in ("best_evaluation", "evaluations")},
         "noisy": known(columns["judged_evaluations"]),
         "ours": known(columns["code_digest"]),
         "outside": ~true(columns["inside_box"]),
         "lost": np.array([status == "failed" for status in plain(columns["status"])], dtype=bool),
-        "derivatives": numbers(columns["jacobian_evaluations"]) != 0,  # imported rows do not say
+        "derivatives": arrays.numbers(columns["jacobian_evaluations"]) != 0,  # imported rows do not say
     }
-    lists = [lists_of(chunk[name]) for name in _LISTS]
+    lists = [arrays.lists_of(chunk[name]) for name in _LISTS]
     problem = numbered(columns[name] for name in PROBLEM)
     order = np.argsort(problem, kind="stable")
     begins = np.flatnonzero(np.diff(problem[order], prepend=-1))
@@ -209,7 +209,7 @@ def _hits(chunk: pa.Table, points: Points, by_problem: Mapping[Any, Sequence[_Qu
             (np.repeat(at, len(target)), np.tile(target, len(at)), np.tile(named, len(at)), found.reshape(4, -1))
         )
     if not parts:
-        return HITS_SCHEMA.empty_table()
+        return arrays.HITS_SCHEMA.empty_table()
     run, target, quantity, counts = (np.concatenate(values, axis=-1) for values in zip(*parts, strict=True))
     if len(parts) > 1:
         order = np.argsort(run, kind="stable")
@@ -222,7 +222,7 @@ def _hits(chunk: pa.Table, points: Points, by_problem: Mapping[Any, Sequence[_Qu
         "target": pa.array(target),
         "seconds": pa.array(runs["wall_s"][run], mask=~at_the_end),
     } | {name: pa.array(values, mask=never) for name, values in zip(_COUNTS, counts, strict=True)}
-    return pa.table([filled[name] for name in HITS_SCHEMA.names], schema=HITS_SCHEMA)
+    return pa.table([filled[name] for name in arrays.HITS_SCHEMA.names], schema=arrays.HITS_SCHEMA)
 
 
 def _crossed(runs: _Runs, points: Points, levels: Sequence[_Quantity], lists: Sequence[Lists], at: Counts) -> Counts:

@@ -41,16 +41,13 @@ from calibench.bench.execution.run import Run
 from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.gate.processes import is_gone
 from calibench.bench.provenance.run_id import UNSEEN
-from calibench.bench.store import manifest as manifests
-from calibench.bench.store.arrays import array_of, compute, empty_table, is_in, kept
+from calibench.bench.store import arrays, manifest as manifests
 from calibench.bench.store.atomic_file import TEMPORARY
 from calibench.bench.store.collection import PIECE, collect_into, in_order, nested, part_table, points_of
 from calibench.bench.store.columns import OF_OPTIONS, with_options
 from calibench.bench.store.hits import PROBLEM, columns_for, declared_levels, hit_tables
 from calibench.bench.store.journal import ENDING, FOLDER, Journal, Record, State, claim, journals_in
-from calibench.bench.store.manifest import StoreError
-from calibench.bench.store.notes import join_notes
-from calibench.bench.store.schema import HITS_SCHEMA, PART_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, in_schema, to_pandas
+from calibench.bench.store.manifest import StoreError, join_notes
 from calibench.bench.store.tables import HITS, RUNS, TRACES, Tables, write_tables
 from calibench.core.words import counted, html_table
 
@@ -188,7 +185,7 @@ class ResultStore:
         """
         asked = None if columns is None else list(columns)
         read = [*asked, *(name for name in OF_OPTIONS if name not in asked)] if asked is not None and options else asked
-        found = to_pandas(self.rows(read))
+        found = arrays.to_pandas(self.rows(read))
         found = offered(found) if columns is None else found
         found.attrs[FOLDER_OF] = str(self.folder.resolve())
         if not options:
@@ -204,7 +201,7 @@ class ResultStore:
 
     def traces(self) -> pd.DataFrame:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""
-        return to_pandas(pa.concat_tables([store.tables(only="traces")[1] for store in self._studies()]))
+        return arrays.to_pandas(pa.concat_tables([store.tables(only="traces")[1] for store in self._studies()]))
 
     def hits(self, levels: pd.DataFrame | None = None) -> pd.DataFrame:
         """Return when each finished run reached each target: columns of `HITS_SCHEMA`, null where it never did.
@@ -214,11 +211,11 @@ class ResultStore:
         which it surely was not; ``seconds`` is known only of what the last evaluation of a run reached.
         """
         found = [table for store in self._studies() for table in store._hit_tables(levels)]
-        return to_pandas(pa.concat_tables([empty_table(HITS_SCHEMA), *found]))
+        return arrays.to_pandas(pa.concat_tables([arrays.empty_table(arrays.HITS_SCHEMA), *found]))
 
     def write_hits(self, levels: pd.DataFrame | None = None) -> Path:
         """Write ``hits.parquet``, what `hits` returns, some thousand runs at a time; return its path."""
-        return write_tables(self._hit_tables(levels), HITS_SCHEMA, self.folder / HITS)
+        return write_tables(self._hit_tables(levels), arrays.HITS_SCHEMA, self.folder / HITS)
 
     def _hit_tables(self, levels: pd.DataFrame | None) -> Iterator[pa.Table]:
         tables = self._tables()
@@ -229,8 +226,12 @@ class ResultStore:
         else:
             rows = tables.runs([*columns_for([] if levels is None else levels["quantity"].unique()), "target"])
             batches = file.iter_batches(batch_size=_POINTS, use_threads=False)
-            traces = (in_schema(pa.Table.from_batches([batch]), TRACES_SCHEMA) for batch in batches)
-        asked = declared_levels(to_pandas(rows.select([*PROBLEM, "targets", "target"]))) if levels is None else levels
+            traces = (arrays.in_schema(pa.Table.from_batches([batch]), arrays.TRACES_SCHEMA) for batch in batches)
+        asked = (
+            declared_levels(arrays.to_pandas(rows.select([*PROBLEM, "targets", "target"])))
+            if levels is None
+            else levels
+        )
         return hit_tables(rows, traces, asked)
 
     def open(self) -> None:
@@ -317,13 +318,8 @@ class ResultStore:
         for state in itertools.chain.from_iterable(reader.states() for reader in readers):
             new.setdefault(state.run_id, state)
         # whose writer may still be there; on another machine it may: to be shown, not to be decided by
-        writing = [
-            (reader.count, header)
-            for reader in readers
-            if reader.count
-            and (header := reader.header())
-            and not is_gone(header["host"], header["pid"], header["born"])
-        ]
+        headers = [(reader.count, header) for reader in readers if reader.count and (header := reader.header())]
+        writing = [(n, one) for n, one in headers if not is_gone(one["host"], one["pid"], one["born"])]
         began = min((float(header["began_at"]) for _, header in writing), default=0.0)
         pace = sum(count for count, _ in writing) / max(time.time() - began, 1e-3) if began else 0.0
         damaged = tuple(reader.path for reader in readers if reader.damaged)
@@ -339,9 +335,9 @@ class ResultStore:
         tables = self._tables()
         found = [record for reader in journals_in(self.folder) for record in reader if record.status != "ok"]
         rows = tables.runs(asked)
-        rows = kept(rows, compute("not_equal", rows["status"], array_of(["ok"], pa.string())[0]))
+        rows = arrays.kept(rows, arrays.compute("not_equal", rows["status"], arrays.array_of(["ok"], pa.string())[0]))
         new = _as_parts(list(_distinct(found, tables.complete())))
-        return to_pandas(pa.concat_tables([rows, new.select(asked)]))
+        return arrays.to_pandas(pa.concat_tables([rows, new.select(asked)]))
 
     def has_journals(self) -> bool:
         """Tell whether something is not collected yet."""
@@ -397,12 +393,17 @@ class ResultStore:
         paths = [self.folder / name for name in ("manifest.json", TRACES, RUNS)]
         imported = {} if source is None else {"imported": dict(source)}
         with locked(self.folder):
-            manifests.write_manifest(
-                self.folder, manifests.new_manifest(study or self.folder.resolve().name) | imported
+            manifest = manifests.new_manifest(study or self.folder.resolve().name)
+            manifests.write_manifest(self.folder, manifest | imported)
+            write_tables(
+                [pa.Table.from_pandas(traces, arrays.TRACES_SCHEMA, preserve_index=False)],
+                arrays.TRACES_SCHEMA,
+                paths[1],
             )
-            write_tables([pa.Table.from_pandas(traces, TRACES_SCHEMA, preserve_index=False)], TRACES_SCHEMA, paths[1])
             rows = runs.assign(study=self.study)
-            write_tables([pa.Table.from_pandas(rows, RUNS_SCHEMA, preserve_index=False)], RUNS_SCHEMA, paths[2])
+            write_tables(
+                [pa.Table.from_pandas(rows, arrays.RUNS_SCHEMA, preserve_index=False)], arrays.RUNS_SCHEMA, paths[2]
+            )
         return paths
 
     def forget(self, run_ids: Iterable[str]) -> None:
@@ -474,16 +475,16 @@ class ResultStore:
         else:
             columns_read = None if columns is None else list(dict.fromkeys(["run_id", *columns]))
         rows = tables.runs(columns_read)
-        traces = empty_table(TRACES_SCHEMA) if only == "rows" else tables.traces()
-        ids = array_of(sorted(known), pa.string())
-        flags = [is_in(table["run_id"], ids) for table in (rows, traces)]
+        traces = arrays.empty_table(arrays.TRACES_SCHEMA) if only == "rows" else tables.traces()
+        ids = arrays.array_of(sorted(known), pa.string())
+        flags = [arrays.is_in(table["run_id"], ids) for table in (rows, traces)]
         rows, traces = (
-            table if compute("all", whole).as_py() is not False else kept(table, whole)
+            table if arrays.compute("all", whole).as_py() is not False else arrays.kept(table, whole)
             for table, whole in zip((rows, traces), flags, strict=True)
         )
         if records:
             new = _as_parts(records)
-            rows = pa.concat_tables([rows, new.select(RUNS_SCHEMA.names)])
+            rows = pa.concat_tables([rows, new.select(arrays.RUNS_SCHEMA.names)])
             rows, traces = in_order(rows, pa.concat_tables([traces, points_of(new)]))
         return (rows if columns is None else rows.select(list(columns))), traces
 
@@ -500,7 +501,7 @@ def _distinct(records: Iterable[Record], known: Container[str]) -> Iterator[Reco
 def _as_parts(records: Sequence[Record]) -> pa.Table:
     """Return records as one table; one that no row can be made of is left out."""
     tables = [part_table(records[i : i + 5000]) for i in range(0, len(records), 5000)]
-    return pa.concat_tables(tables or [empty_table(PART_SCHEMA)])
+    return pa.concat_tables(tables or [arrays.empty_table(arrays.PART_SCHEMA)])
 
 
 @final
@@ -558,15 +559,15 @@ def merge(sources: Sequence[Path], target: Path, keep_first: bool = False) -> Me
 def _rows_of_others(stores: Sequence[ResultStore], study: str, known: set[str]) -> Iterator[pa.Table]:
     """Yield the runs of the stores that are not `known`, each once, as runs of `study`."""
     seen = set(known)
-    at = RUNS_SCHEMA.get_field_index("study")
+    at = arrays.RUNS_SCHEMA.get_field_index("study")
     for store in stores:
         rows, traces = store.tables()
         rows = rows.filter(pa.array([run_id not in seen for run_id in rows["run_id"].to_pylist()], pa.bool_()))
         seen.update(rows["run_id"].to_pylist())
         for begin in range(0, len(rows), _AT_ONCE):
             some = rows.slice(begin, _AT_ONCE)
-            some = some.set_column(at, RUNS_SCHEMA.field("study"), pa.array([study] * len(some), pa.string()))
-            yield nested(some, traces.filter(is_in(traces["run_id"], some["run_id"].combine_chunks())))
+            some = some.set_column(at, arrays.RUNS_SCHEMA.field("study"), pa.array([study] * len(some), pa.string()))
+            yield nested(some, traces.filter(arrays.is_in(traces["run_id"], some["run_id"].combine_chunks())))
 
 
 def _in_several(stores: Sequence[ResultStore], keep_first: bool) -> int:
@@ -582,7 +583,7 @@ def _in_several(stores: Sequence[ResultStore], keep_first: bool) -> int:
     unlike = {}
     for i in sorted({i for found in several.values() for i in found}):
         rows, _ = stores[i].tables()
-        chosen = rows.filter(is_in(rows["run_id"], pa.array(list(several), pa.string()))).select(_COMPARED)
+        chosen = rows.filter(arrays.is_in(rows["run_id"], pa.array(list(several), pa.string()))).select(_COMPARED)
         for row in chosen.to_pylist():
             before = first.setdefault(row["run_id"], row)
             pairs = {name: (value, before[name]) for name, value in row.items()}

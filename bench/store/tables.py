@@ -20,10 +20,9 @@ from pyarrow.fs import LocalFileSystem
 
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.store.arrays import cast_table, compute, empty_table
+from calibench.bench.store.arrays import RUNS_SCHEMA, TRACES_SCHEMA, cast_table, compute, empty_table, in_schema
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
-from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA, in_schema
 from calibench.core.words import shortened
 
 RUNS, TRACES, HITS = "runs.parquet", "traces.parquet", "hits.parquet"

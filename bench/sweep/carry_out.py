@@ -1,32 +1,49 @@
-"""Carry out a request: skip finished runs, give the rest to the workers, collect the tables.
+"""Carry out a request: skip finished runs, give the rest to the workers, collect the tables; from Python too (`sweep`).
 
 Runs do not depend on each other, and their seeds come from their names. So the rows are the same in any order, with any
-number of workers, on any machines.
+number of workers, on any machines. Progress is a bar on a terminal and in a notebook, plain lines elsewhere; a thread
+reads the folder of the study, where workers, here or elsewhere, write how far long runs are.
 """
 
+from __future__ import annotations
+
+import sys
+import threading
+import time
+import warnings
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from contextlib import closing, contextmanager, nullcontext, suppress
+from dataclasses import dataclass, field, replace
+from html import escape
+from importlib import import_module
 from pathlib import Path
+from textwrap import shorten
 from threading import Timer
-from typing import Any, Literal, final
+from typing import TYPE_CHECKING, Any, Literal, final
 
 from calibench.bench.execution.costly import ReplayFolder, forget_finished
-from calibench.bench.execution.in_progress import at_work, remove_gone
+from calibench.bench.execution.in_progress import Running, at_work, read_running, remove_gone
 from calibench.bench.execution.kernels import load_kernels
 from calibench.bench.execution.run import Run, Spec
 from calibench.bench.execution.standing import lost_run
 from calibench.bench.gate.processes import CAN_FORK
 from calibench.bench.provenance.code_digest import changed_parts
+from calibench.bench.statistics.cells import PROBLEM
+from calibench.bench.statistics.summary import key_of_costs
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import costs
-from calibench.bench.sweep.request import Request
+from calibench.bench.sweep.remarks import ONE_RUN, remarks_on_rows
+from calibench.bench.sweep.request import Request, read_request
 from calibench.bench.sweep.words import Execution, read_execution
 from calibench.bench.words import RequestError
 from calibench.bench.workers.carrier import Carrier, How, Job, Packs, Serial
 from calibench.bench.workers.processes import Processes, printed_files
-from calibench.core.words import counted
+from calibench.core.words import counted, print_plain as print, printable
+
+if TYPE_CHECKING:
+    import pandas as pd
+
 
 _SILENCE = 2.0  # seconds
 _COMPILING = "compiling what these runs need; it is kept, so that the next sweep begins at once"
@@ -260,3 +277,172 @@ def find_stale(request: Request, store: ResultStore, but: Collection[str] = ()) 
             unknown.add(run_id)
     what = tuple(f"{n} of {' and of '.join(what)}" for what, n in counts.items())
     return Stale(frozenset(other), frozenset(unknown), len(mine), what)
+
+
+_LOOK = 2.0  # seconds between two looks at the runs in progress, for the bar
+_LOG = 10.0  # seconds between two lines of a log
+_WIDE = 120  # letters of a cell in a line of a log
+_AGAIN = 0.2  # seconds between two looks of the bar in a notebook
+_LINES = 4  # runs in progress that a log tells of at a time
+
+
+@contextmanager
+def show_progress(folder: Path | None = None) -> Iterator[Report]:
+    """Yield a report(done, of, label) to call as runs end; of the study in `folder` runs in progress are told too."""
+    python = sys.modules.get("IPython")
+    shell = None if python is None else python.get_ipython()
+    if type(shell).__name__ == "ZMQInteractiveShell":  # a notebook; IPython in a terminal has a terminal's bar
+        display: Callable[..., Any] = import_module("IPython.display").display
+        bar_there = _NotebookBar(display)
+        with _looking(folder, _LOOK, bar_there.running):
+            yield bar_there.report
+        return
+    if not sys.stderr.isatty():
+        log = _Log()
+        with _looking(folder, _LOG, log.running):
+            yield log.report
+        return
+    from rich import progress as rich
+    from rich.console import Console
+
+    columns = (
+        rich.BarColumn(), rich.MofNCompleteColumn(), rich.TimeElapsedColumn(), rich.TimeRemainingColumn(),
+        rich.TextColumn("{task.description}"),
+    )  # fmt: skip
+    with rich.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task, silent = bar.add_task(""), set[str]()
+
+        def running(found: list[Running]) -> None:
+            bar.update(task, description=printable(_first_of(found)))
+            for line in _new_hints(found, silent):
+                bar.console.print(printable(line))
+
+        with _looking(folder, _LOOK, running):
+            yield lambda done, of, label: bar.update(task, completed=done, total=of, description=printable(label[:60]))
+
+
+def _first_of(found: list[Running]) -> str:
+    return found[0].line() + (f" (and {len(found) - 1} more)" if found[1:] else "")
+
+
+def _new_hints(runs: list[Running], known: set[str]) -> list[str]:
+    """Return what to do about runs that make no evaluation any more, once of each: `known` are those told of."""
+    lines = {run.run_id: run.silent_line() for run in runs if run.run_id not in known}
+    silent = {run_id: line for run_id, line in lines.items() if line is not None}
+    known.update(silent)
+    return list(silent.values())
+
+
+class _NotebookBar:
+    """A bar in the output of a cell, which stays there: HTML alone, so that no widgets are needed."""
+
+    def __init__(self, display: Callable[..., Any]) -> None:
+        self._began, self._seconds, self._shown_at = time.monotonic(), 0.0, 0.0
+        self._done, self._of, self._label = 0, 0, ""
+        self._known, self._silent = set[str](), list[str]()
+        self._handle = display(self, display_id=True)
+
+    def report(self, done: int, of: int, label: str) -> None:
+        self._done, self._of, self._label = done, of, label
+        if done >= of or time.monotonic() - self._shown_at > _AGAIN:
+            self._show()
+
+    def running(self, found: list[Running]) -> None:
+        self._label = _first_of(found)
+        self._silent += _new_hints(found, self._known)
+        self._show()
+
+    def _show(self) -> None:
+        self._shown_at = time.monotonic()
+        self._seconds = self._shown_at - self._began
+        self._handle.update(self)
+
+    def __repr__(self) -> str:
+        return f"{self._done}/{counted(self._of, 'run')}, {self._seconds:.1f} s"
+
+    def _repr_html_(self) -> str:
+        last = "" if self._done >= self._of else f", {escape(shorten(self._label, _WIDE, placeholder=' …'))}"
+        bar = f'<progress value="{self._done}" max="{max(self._of, 1)}" style="width:20em"></progress>'
+        return "<br>".join([f"{bar} {self!r}{last}", *map(escape, self._silent)])
+
+
+@dataclass(eq=False)
+class _Log:
+    """Lines for a file: at each tenth of the way, and when runs take longer than that."""
+
+    _began: float = field(default_factory=time.monotonic)
+    _said: int = -1
+    _told_at: float = field(default_factory=time.monotonic)
+    _known: set[str] = field(default_factory=set)
+
+    def report(self, done: int, of: int, label: str) -> None:
+        tenth = 10 * done // of if of else 10
+        if done and tenth != self._said:
+            self._said = tenth
+            last = shorten(label, _WIDE, placeholder=" …")
+            self._tell(f"  {done}/{counted(of, 'run')}, {time.monotonic() - self._began:.1f} s, last: {last}")
+
+    def running(self, runs: list[Running]) -> None:
+        for line in _new_hints(runs, self._known):
+            self._tell(f"  {line}")
+        if time.monotonic() - self._told_at >= _LOG:
+            more = [f"and {len(runs) - _LINES} more"] if len(runs) > _LINES else []
+            self._tell("\n".join(f"  {line}" for line in [*(run.line() for run in runs[:_LINES]), *more]))
+
+    def _tell(self, text: str) -> None:
+        self._told_at = time.monotonic()
+        print(text, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def _looking(folder: Path | None, every: float, tell: Callable[[list[Running]], None]) -> Iterator[None]:
+    if folder is None:
+        yield
+        return
+    ended = threading.Event()
+
+    def look() -> None:
+        while not ended.wait(every):
+            with suppress(OSError):
+                runs = read_running(folder)
+                if runs:
+                    tell(runs)
+
+    thread = threading.Thread(target=look, name="progress", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def sweep(*arguments: str, way: Way = "ask", progress: bool = False) -> pd.DataFrame:
+    """Carry out ``bench run -m`` with `arguments`; return the rows of its runs, those that were done before too.
+
+    Finished runs of other code are refused, done again or kept, as `way` says: "ask", "rerun", "keep". With `progress`
+    a bar tells how far it is, in a terminal and in a notebook, and lines do elsewhere; else nothing is printed. What
+    the command line remarks on a sweep and its runs is a `UserWarning` each. Raises `RequestError` for a request that
+    makes no sense, before anything runs.
+
+    ``sweep("problem=full11,full12", "optimizer=lm,de", "budget=2000", "seeds=5", "study=mine")``
+    """
+    try:
+        request = read_request(arguments, multirun=True)
+    except RequestError as error:
+        raise error.with_traceback(None) from None  # it says what is wrong with the words: no frame of ours helps
+    for line in (*request.left_out, *request.copies, *request.remarks):
+        warnings.warn(line, stacklevel=2)
+    with show_progress(request.folder) if progress else nullcontext(lambda done, of, label: None) as report:
+        outcome = carry_out(request, report, way=way, tell=lambda line: None)
+    store = ResultStore(request.folder)
+    runs = store.runs()
+    mine = runs[runs["run_id"].isin(outcome.asked)].reset_index(drop=True)
+    asked = set(zip(*(mine[name] for name in PROBLEM)))
+    costs = [record for record in store.manifest().get("costs", ()) if key_of_costs(record) in asked]
+    said: list[str] = []
+    tell_of_costs(costs, said.append)
+    in_vain = request.seeds > 1 and len(request.specs) + len(request.other_shards) == len(request.budgets)
+    for line in (*said, *remarks_on_rows(mine), *([ONE_RUN] if in_vain else [])):
+        warnings.warn(line, stacklevel=2)
+    return mine

@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench import problems
-from calibench.bench.execution.request import foreign_modules
-from calibench.bench.execution.stochastic import is_stochastic, seeded
+from calibench.bench.execution.request import foreign_modules, is_stochastic, seeded
 from calibench.bench.gate.processes import CAN_FORK, Sender, forked
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical, name_of, options_of

@@ -23,8 +23,8 @@ from typing import Any, final
 from calibench import problems
 from calibench.bench.execution import request as asking
 from calibench.bench.execution.costly import ReplayFolder, check_inner, check_replay
+from calibench.bench.execution.request import is_stochastic
 from calibench.bench.execution.run import Spec
-from calibench.bench.execution.stochastic import is_stochastic
 from calibench.bench.gate.endings import text_of
 from calibench.bench.gate.processes import Lost
 from calibench.bench.provenance import run_id as ids
@@ -33,8 +33,8 @@ from calibench.bench.statistics.cells import SETTING
 from calibench.bench.statistics.names import setting_text, several, titles_of_problems
 from calibench.bench.statistics.summary import method_name, names_of_methods, problem_name
 from calibench.bench.sweep import composition as hydra
+from calibench.bench.sweep.composition import is_study_file, study_names, study_preset
 from calibench.bench.sweep.remarks import Asked, remarks_of
-from calibench.bench.sweep.studies import is_study_file, study_names, study_preset
 from calibench.bench.sweep.words import PlainOverride, check_runs, read_budget, read_execution, read_once, read_seeds
 from calibench.bench.words import RequestError, check_study
 from calibench.core.options import as_typed, coerce, shown, suggest
@@ -137,18 +137,20 @@ def _request_of(study: str, sweeps: list[list[Any]], once: list[Any]) -> Request
                     asked.append((problem.asked, problem.built, method.asked, method.built, spec.budget, spec.target))
             if int(spec_id, 16) % of_all.shards != of_all.shard - 1:
                 continue
-            specs.setdefault(spec_id, replace(spec, time_limit=of_all.time_limit))
+            specs.setdefault(
+                spec_id, spec if of_all.time_limit is None else replace(spec, time_limit=of_all.time_limit)
+            )
             pair = id(problem), id(method)
             if pair not in digests:
                 digests[pair] = code_digest(problem.built, method.built)
                 every += members
+                files |= {m.name: m.place.rpartition(":")[0] for m in members if m.place != m.name}
+                if lost is None:
+                    check_inner(problem.built, method.built, inner)
+                    check_replay(problem.built, ReplayFolder(folder, always=of_all.replay is True))
             codes[spec_id] = digests[pair]
-            if lost is None:
-                check_inner(problem.built, method.built, inner)
-                check_replay(problem.built, ReplayFolder(folder, always=of_all.replay is True))
-            else:
+            if lost is not None:
                 broken[spec_id] = lost.error_type, lost.error
-            files |= {m.name: m.place.rpartition(":")[0] for m in members if m.place != m.name}
     # what was skipped as lines: methods, what they need, and where that is not so of all problems, of which
     lacking = dict[str, list[str]]()
     for skipped_on, needed in skipped.items():
@@ -157,10 +159,8 @@ def _request_of(study: str, sweeps: list[list[Any]], once: list[Any]) -> Request
             if len(names) > _NAMED:
                 methods = f"{len(names)} methods that the glob matches (`bench list optimizers` has the traits of each)"
             lacking.setdefault(f"{methods} {'needs' if len(names) == 1 else 'need'} {needs}", []).append(skipped_on)
-    left_out = tuple(
-        f"{lack}: skipped" if set(where) == set(skipped) else f"{lack}: skipped on {', '.join(where)}"
-        for lack, where in lacking.items()
-    )
+    on = {lack: "" if set(where) == set(skipped) else f" on {', '.join(where)}" for lack, where in lacking.items()}
+    left_out = tuple(f"{lack}: skipped{where}" for lack, where in on.items())
     if not labels:
         if not left_out:
             raise RequestError("nothing to run: a list or range of this sweep is empty")
@@ -523,10 +523,6 @@ def copies(cells: Iterable[Cell]) -> list[str]:
         seed = {key: chosen.pop(key) for key in ("data_seed", "seed") if key in chosen}
         if data and name in problems.registry:
             found.setdefault(ids.canonical({"problem": name, "data": data, **chosen}), set()).add(ids.canonical(seed))
-    lines = {
-        f"{json.loads(key)['problem']}: its {len(seeds)} data seeds draw nothing (no noise, a fixed plan): they are "
-        "one problem, not several": None
-        for key, seeds in found.items()
-        if len(seeds) > 1
-    }
-    return list(lines)
+    why = "draw nothing (no noise, a fixed plan): they are one problem, not several"
+    names = [(json.loads(key)["problem"], len(seeds)) for key, seeds in found.items() if len(seeds) > 1]
+    return list(dict.fromkeys(f"{name}: its {count} data seeds {why}" for name, count in names))

@@ -114,9 +114,7 @@ def read_once(settings: Mapping[str, Any]) -> Once:
     return Once(limit, shard, shards, after, replay)
 
 
-_OPTIONS = {
-    "serial": ("inner",), "processes": ("n_jobs", "inner"), "dask": ("n_jobs", "address", "inner"),
-}  # fmt: skip
+_OPTIONS = {"serial": ("inner",), "processes": ("n_jobs", "inner"), "dask": ("n_jobs", "address", "inner")}
 _BY_SHARDS = ("slurm", "ray", "kubernetes", "submitit", "pbs", "sge", "lsf", "htcondor")
 
 
@@ -222,9 +220,8 @@ def compose_plainly(
     a problem or optimizer with their defaults, or None for a preset. An option is set where it is declared.
     """
     given = dict(text.partition("=")[::2] for text in overrides)
-    values = {
-        key: text if key in _MEMBERS and _CLASS.fullmatch(text) else _value_of(text) for key, text in given.items()
-    }
+    classes = {key: text for key, text in given.items() if key in _MEMBERS and _CLASS.fullmatch(text)}
+    values: dict[str, Any] = {key: _value_of(text) for key, text in given.items()} | classes
     if len(given) < len(overrides) or _NONE in values.values():
         return None
     execution = values.pop("execution", "serial")

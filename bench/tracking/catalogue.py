@@ -21,7 +21,15 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, final, get_origin
 
-from calibench.bench.store.notes import NOTES, read_notes
+from calibench.bench.store.manifest import (
+    DISCOVERY,
+    KIND,
+    LARGEST_MANIFEST,
+    NOTES,
+    StoreError,
+    read_manifest,
+    read_notes,
+)
 from calibench.core.kept import cache_root
 from calibench.core.options import suggest
 from calibench.core.plain import json_of
@@ -111,7 +119,8 @@ def entries(results: Path) -> Iterator[Entry]:
     index = _Index(results)
     fresh = time.time_ns() - int(_FRESH * 1e9)
     for name, path, files in _walk(results, index):
-        state = _state(files)
+        files.sort()
+        state = "/".join([f"{one} {size} {time_ns} {number}" for one, size, time_ns, number in files])
         entry, is_known = index.known(name, state)
         if not is_known:
             entry = _read(path, name)
@@ -157,12 +166,6 @@ def _file_of(one: "os.DirEntry[str]") -> File:
     except OSError:
         return one.name, -1, 0, 0
     return one.name, found.st_size, found.st_mtime_ns, found.st_ino
-
-
-def _state(files: list[File]) -> str:
-    """Return text that is another where a file is another."""
-    files.sort()
-    return "/".join([f"{name} {size} {time_ns} {number}" for name, size, time_ns, number in files])
 
 
 @final
@@ -244,8 +247,6 @@ class _ForeignError(Exception):
 
 
 def _entry_of(folder: Path, entry: Entry) -> Entry:
-    from calibench.bench.store.manifest import DISCOVERY, KIND, LARGEST_MANIFEST, StoreError
-
     if not (folder / MANIFEST).exists():
         return _of_calibration(folder, entry)
     try:
@@ -264,11 +265,10 @@ def _entry_of(folder: Path, entry: Entry) -> Entry:
 
 def _of_runs(folder: Path, entry: Entry) -> Entry:
     from calibench.bench.store.journal import journals_in
-    from calibench.bench.store.manifest import read_manifest
-    from calibench.bench.tracking.tables import runs_in
+    from calibench.bench.tracking.tables import rows_in
 
     manifest = read_manifest(folder)
-    table = runs_in(folder, (
+    table = rows_in(folder, "runs", (
         "run_id", "problem", "optimizer", "budget", "status", "unit", "best_value", "started_at", "git_commit",
         "git_dirty",
     ))  # fmt: skip
@@ -328,14 +328,12 @@ def _lowest(groups: Sequence[Mapping[str, Any]]) -> str:
 def _of_discovery(folder: Path, entry: Entry) -> Entry:
     from calibench.bench.tracking.tables import rows_in
 
-    rows = rows_in(
-        folder, "gaps", ("verdict", "status", "machine", "started_at", "git_commit", "git_dirty")
-    ).to_pylist()
+    columns = ("verdict", "status", "machine", "started_at", "git_commit", "git_dirty")
+    rows = rows_in(folder, "gaps", columns).to_pylist()
     verdicts = Counter(row["verdict"] for row in rows if row["status"] == "ok")
     failed = sum(row["status"] != "ok" for row in rows)
-    last: Mapping[str, Any] = max(
-        (row for row in rows if row["started_at"]), key=lambda row: row["started_at"], default={}
-    )
+    dated = [row for row in rows if row["started_at"]]
+    last: Mapping[str, Any] = max(dated, key=lambda row: row["started_at"], default={})
     began = last.get("started_at")
     return replace(
         entry, when=began.isoformat(timespec="seconds") if began else _when_of(folder),
@@ -431,9 +429,8 @@ def _time_of(key: str, text: str) -> str:
             at = datetime.fromisoformat(text)
             at = at.astimezone(UTC) if at.tzinfo else at.replace(tzinfo=UTC)
     except (ValueError, OverflowError):
-        raise ValueError(
-            f"studies: {key}={text:.40}: a day (2026-11-01), a time, or how long ago (7d, 12h, 2w)"
-        ) from None
+        such = "a day (2026-11-01), a time, or how long ago (7d, 12h, 2w)"
+        raise ValueError(f"studies: {key}={text:.40}: {such}") from None
     return at.isoformat(timespec="seconds")
 
 
@@ -464,10 +461,7 @@ def line_of(entry: Entry) -> dict[str, str]:
         "done": ", ".join(end) if entry.status != "damaged" else "damaged",
         "problem": listed(entry.problem or entry.machine, 2), "optimizer": listed(entry.optimizer, 3),
         "budget": listed([str(one) for one in entry.budget], 2), "headline": entry.headline,
-        "commit": entry.commit[:8] + ("+" if entry.dirty else ""), "size": _bytes(entry.size),
+        "commit": entry.commit[:8] + ("+" if entry.dirty else ""),
+        "size": f"{entry.size / 1e6:.1f} MB" if entry.size >= 1e5 else f"{entry.size / 1e3:.1f} kB",
         "tags": " ".join(entry.tag) + (" (archived)" if entry.archived else ""),
     }  # fmt: skip
-
-
-def _bytes(size: int) -> str:
-    return f"{size / 1e6:.1f} MB" if size >= 1e5 else f"{size / 1e3:.1f} kB"

@@ -18,25 +18,14 @@ from typing import Any, final
 import numpy as np
 import pandas as pd
 
-from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics import summary as stats, two_studies
 from calibench.bench.statistics.cells import SETTING, answers
 from calibench.bench.statistics.ranking import By, holm, order_of_scores, scores
-from calibench.bench.statistics.two_studies import (
-    LEVEL,
-    Compared,
-    Tested,
-    Verdict,
-    chosen_of,
-    compare,
-    partners,
-    two_sides,
-    verdicts,
-)  # fmt: skip
+from calibench.bench.store.arrays import RUNS_SCHEMA, to_pandas
 from calibench.bench.store.columns import Array, Flags
 from calibench.bench.store.manifest import StoreError
-from calibench.bench.store.schema import RUNS_SCHEMA, to_pandas
 from calibench.bench.tracking.catalogue import Entry, catalogue
-from calibench.bench.tracking.tables import LeftOut, folder_of, runs_in
+from calibench.bench.tracking.tables import LeftOut, folder_of, rows_in
 from calibench.core.words import plain
 
 _PERMUTATIONS = 1999
@@ -67,9 +56,9 @@ class Step:
     """From one epoch to the next: the verdict on the later one, Holm's p over all steps of the cell, and why."""
 
     p: float
-    verdict: Verdict
+    verdict: two_studies.Verdict
     why: str
-    tested: Tested
+    tested: two_studies.Tested
 
 
 @final
@@ -160,7 +149,7 @@ def _runs(results: Path, asked: Asked) -> tuple[pd.DataFrame, list[LeftOut]]:
 
 
 def _of_study(results: Path, entry: Entry, asked: Asked) -> pd.DataFrame:
-    runs = to_pandas(runs_in(folder_of(results, entry), RUNS_SCHEMA.names))
+    runs = to_pandas(rows_in(folder_of(results, entry), "runs", RUNS_SCHEMA.names))
     keep = np.ones(len(runs), dtype=bool)
     for name in _FROM:
         texts = runs[name].astype(str)
@@ -175,7 +164,7 @@ def _cells(runs: pd.DataFrame) -> Iterator[tuple[tuple[Any, ...], pd.DataFrame]]
     for key, mine in runs.groupby(columns, sort=False, dropna=False):
         named = dict(zip(columns, key, strict=True))
         setting = tuple(None if named[name] != named[name] else named[name] for name in ("data_id", *SETTING))
-        rows.setdefault((named["problem"], named["optimizer"], chosen_of(named), setting), []).append(mine)
+        rows.setdefault((named["problem"], named["optimizer"], two_studies.chosen_of(named), setting), []).append(mine)
     for what, parts in rows.items():
         yield what, pd.concat(parts)
 
@@ -183,11 +172,11 @@ def _cells(runs: pd.DataFrame) -> Iterator[tuple[tuple[Any, ...], pd.DataFrame]]
 def _history(what: tuple[Any, ...], runs: pd.DataFrame, by: By) -> History:
     versions = _versions(runs, by)
     begins = [i for i, version in enumerate(versions) if not version.same]
-    pairs = [partners(versions[a].runs, versions[b].runs) for a, b in pairwise(begins)]
-    tests = [two_sides(*pair, by) for pair in pairs]
+    pairs = [two_studies.partners(versions[a].runs, versions[b].runs) for a, b in pairwise(begins)]
+    tests = [two_studies.two_sides(*pair, by) for pair in pairs]
     steps = {
         i: Step(p, verdict, why, tested)
-        for i, tested, (p, verdict, why) in zip(begins[1:], tests, verdicts(tests, by), strict=True)
+        for i, tested, (p, verdict, why) in zip(begins[1:], tests, two_studies.verdicts(tests, by), strict=True)
     }
     change = None
     if len(begins) > 1 and stats.has_chance(runs):
@@ -226,7 +215,7 @@ def _versions(runs: pd.DataFrame, by: By) -> list[Version]:
 
 def _alike(a: pd.DataFrame, b: pd.DataFrame, by: By) -> bool:
     """Tell whether the runs that both versions made, of one repetition each, score the same."""
-    a, b, paired = partners(a, b)
+    a, b, paired = two_studies.partners(a, b)
     return paired and bool(np.array_equal(scores(a, by), scores(b, by)) and np.array_equal(answers(a), answers(b)))
 
 
@@ -276,7 +265,7 @@ def _splits(sums: Array, sizes: Any) -> Array:
     return difference
 
 
-def check(results: Path, asked: Asked, tag: str = "") -> tuple[Compared, str, str]:
+def check(results: Path, asked: Asked, tag: str = "") -> tuple[two_studies.Compared, str, str]:
     """Return how the newest study with such runs stands to the last one that has the tag (any, where it is empty)."""
     found = [one for one in catalogue(results) if asked.concerns(one) and one.status != "damaged"]
     if not found:
@@ -285,11 +274,10 @@ def check(results: Path, asked: Asked, tag: str = "") -> tuple[Compared, str, st
     base = next((one for one in older if (tag in one.tag if tag else one.tag)), None)
     if base is None:
         which = f"the tag {tag}" if tag else "a tag"
-        raise ValueError(
-            f"history --check: no study before {newest.study} has {which}; bench tag STUDY +baseline sets one"
-        )
+        way = "bench tag STUDY +baseline sets one"
+        raise ValueError(f"history --check: no study before {newest.study} has {which}; {way}")
     sides = [_of_study(results, one, asked) for one in (base, newest)]
-    return compare(sides[0], sides[1], asked.by), base.study, newest.study
+    return two_studies.compare(sides[0], sides[1], asked.by), base.study, newest.study
 
 
 def measure(runs: pd.DataFrame, by: By) -> Array:
@@ -314,6 +302,20 @@ def summary_of(history: History, version: Version) -> tuple[float, float, float,
     return low, middle, high, text
 
 
+def rows_of(history: History) -> list[dict[str, Any]]:
+    """Return a row for each version, in words: when, commit, studies, runs, value, and the verdict with its reason."""
+    rows = []
+    for i, version in enumerate(history.versions):
+        step = history.steps.get(i)
+        rows.append({
+            "when": f"{version.began:%Y-%m-%d %H:%M}", "commit": version.commit[:8] + ("+" if version.dirty else ""),
+            "studies": ", ".join(version.studies), "runs": len(version.runs),
+            "value": summary_of(history, version)[3], "verdict": step.verdict if step else "",
+            "why": step.why if step else "the same values" if version.same else "",
+        })  # fmt: skip
+    return rows
+
+
 def drawing(history: History) -> str:
     """Return one history as SVG: a point a version with its quartiles, a line where the change point is."""
     wide, high, left, floor = 760, 240, 70, 200
@@ -336,16 +338,15 @@ def drawing(history: History) -> str:
     for i, (version, (q1, middle, q3, text)) in enumerate(zip(history.versions, points, strict=True)):
         step = history.steps.get(i)
         colour = {"worse": "#c0392b", "better": "#1e8449"}.get(step.verdict if step else "", "currentColor")
-        title = f"{version.commit[:8]} {version.began:%Y-%m-%d}: {text}" + (
-            f"; {step.verdict}: {step.why}" if step else ""
-        )
+        title = f"{version.commit[:8]} {version.began:%Y-%m-%d}: {text}"
+        title += f"; {step.verdict}: {step.why}" if step else ""
         parts.append(
             f'<g><title>{escape(title)}</title><line x1="{x(i):.1f}" x2="{x(i):.1f}" y1="{y(q1):.1f}" y2="{y(q3):.1f}" '
             f'stroke="{colour}"/><circle cx="{x(i):.1f}" cy="{y(middle):.1f}" r="4" fill="{colour}"/>'
             f'<text x="{x(i):.1f}" y="{floor + 18}" font-size="12" text-anchor="middle" fill="currentColor">'
             f"{escape(version.commit[:7])}</text></g>"
         )
-    if history.change is not None and history.change.p_holm <= LEVEL:
+    if history.change is not None and history.change.p_holm <= two_studies.LEVEL:
         at = (x(history.change.version) + x(history.change.version - 1)) / 2
         parts.append(
             f'<line x1="{at:.1f}" x2="{at:.1f}" y1="20" y2="{floor}" stroke="#c0392b" stroke-dasharray="4 3"/>'
@@ -365,10 +366,8 @@ def drawing(history: History) -> str:
 
 def page(found: Sequence[History]) -> str:
     """Return a page of its own with the drawing of each history; it opens offline."""
-    style = (
-        "body{font:16px/1.5 system-ui,sans-serif;max-width:820px;margin:2em auto;padding:0 1em;color-scheme:light dark}"
-    )
-    style += "svg{width:100%;height:auto}"
+    style = "body{font:16px/1.5 system-ui,sans-serif;max-width:820px;margin:2em auto;padding:0 1em;"
+    style += "color-scheme:light dark}svg{width:100%;height:auto}"
     parts = [f"<h2>{escape(one.called)}</h2><p>{escape(sentence(one))}</p>{drawing(one)}" for one in found]
     head = '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
     return f"{head}<title>History</title><style>{style}</style><h1>History</h1>{''.join(parts)}</html>\n"
@@ -385,7 +384,7 @@ def sentence(history: History) -> str:
         return "No chance in these runs: what differs between versions, differs."
     version = history.versions[history.change.version]
     p = f"p {history.change.p_holm:.2g}, one test a cell (Holm)"
-    if history.change.p_holm > LEVEL:
+    if history.change.p_holm > two_studies.LEVEL:
         return f"No change is shown over {epochs} different versions; {p}."
     way = "worse" if history.change.worse else "better"
     return f"It became {way} with {version.commit[:8]} ({version.began:%Y-%m-%d}); {p}."

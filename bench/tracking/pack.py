@@ -14,9 +14,11 @@ import shutil
 import stat
 import tempfile
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
-from hashlib import blake2b
+from functools import partial
+from hashlib import blake2b, file_digest
 from pathlib import Path
 from typing import Any, BinaryIO, final
 
@@ -25,8 +27,7 @@ from calibench.bench.execution.in_progress import hosts_at_work
 from calibench.bench.report.shared.kept import RECORD
 from calibench.bench.report.study.write import write_report
 from calibench.bench.store.atomic_file import TEMPORARY, write_whole
-from calibench.bench.store.manifest import StoreError
-from calibench.bench.store.notes import NOTES, read_notes
+from calibench.bench.store.manifest import NOTES, StoreError, read_notes
 from calibench.bench.store.runs import HOLDER, LOCK, SOFT_LOCK, ResultStore, locked, merge
 from calibench.bench.tracking.catalogue import CALIBRATION, HAND_EYE, MANIFEST, Entry
 from calibench.bench.tracking.tables import calibration_in, check_table
@@ -49,6 +50,7 @@ _FILES = frozenset(
 )  # fmt: skip
 _NOT_SENT = frozenset((LOCK, SOFT_LOCK, HOLDER, RECORD))
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
+_NO_PACK = (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, EOFError, RuntimeError, UnicodeError)
 _AT_ONCE = 1 << 20
 _README = """A study of calibench: {study}
 
@@ -98,11 +100,8 @@ def _named_in_calibration(folder: Path) -> frozenset[str]:
         return frozenset()
     found = json_of((folder / CALIBRATION).read_bytes())
     files = found.get("files") if isinstance(found, dict) else None
-    return (
-        frozenset(Path(name).name for name in files.values() if isinstance(name, str))
-        if isinstance(files, dict)
-        else frozenset()
-    )
+    paths = files.values() if isinstance(files, dict) else ()
+    return frozenset(Path(path).name for path in paths if isinstance(path, str))
 
 
 # packing
@@ -125,17 +124,15 @@ def pack(folder: Path, entry: Entry, to: Path) -> tuple[Path, str]:
                 shutil.copyfile(path, copy / path.relative_to(folder))
         (copy / "requirements.txt").write_text(_requirements(copy, entry), encoding="utf-8")
         again = {"study": shlex.quote(name), "file": shlex.quote(to.name)}
-        (copy / "README.md").write_text(
-            _README.format(**again, what=f"{entry.kind}: {entry.headline}\n", command=entry.command or "bench run ..."),
-            "utf-8",
-        )
-        files = [
-            path for path in files_of_ours(copy)[0] if path.name not in _NOT_SENT and not TEMPORARY.search(path.name)
-        ]
-        listing = {
-            path.relative_to(copy).as_posix(): {"size": path.stat().st_size, "blake2b": _digest_of(path)}
-            for path in files
-        }
+        what, command = f"{entry.kind}: {entry.headline}\n", entry.command or "bench run ..."
+        (copy / "README.md").write_text(_README.format(**again, what=what, command=command), "utf-8")
+        mine, _ = files_of_ours(copy)
+        files = [path for path in mine if path.name not in _NOT_SENT and not TEMPORARY.search(path.name)]
+        listing = {}
+        for path in files:
+            with open(path, "rb") as source:
+                digest = file_digest(source, partial(blake2b, digest_size=16)).hexdigest()
+            listing[path.relative_to(copy).as_posix()] = {"size": path.stat().st_size, "blake2b": digest}
         text = json.dumps({"kind": KIND, "version": 1, "study": name, "what": entry.kind, "files": listing}, indent=1)
 
         def write(file: BinaryIO) -> None:
@@ -147,7 +144,7 @@ def pack(folder: Path, entry: Entry, to: Path) -> tuple[Path, str]:
                     with open(path, "rb") as source, archive.open(info, "w") as target:
                         shutil.copyfileobj(source, target, _AT_ONCE)
 
-        return write_whole(to, write), _digest(text.encode())
+        return write_whole(to, write), blake2b(text.encode(), digest_size=16).hexdigest()
 
 
 def _requirements(folder: Path, entry: Entry) -> str:
@@ -162,18 +159,6 @@ def _requirements(folder: Path, entry: Entry) -> str:
     versions = json_of(max(known, key=lambda row: row["started_at"])["versions"])
     lines = [f"# Python {versions.pop('python', '')}; calibench of commit {entry.commit or 'not known'}"]
     return "\n".join([*lines, *(f"{package}=={version}" for package, version in versions.items() if version), ""])
-
-
-def _digest(content: bytes) -> str:
-    return blake2b(content, digest_size=16).hexdigest()
-
-
-def _digest_of(path: Path) -> str:
-    mine = blake2b(digest_size=16)
-    with open(path, "rb") as file:
-        while part := file.read(_AT_ONCE):
-            mine.update(part)
-    return mine.hexdigest()
 
 
 # unpacking
@@ -198,14 +183,7 @@ def unpack(archive: Path, results: Path, trust: bool = False) -> Unpacked:
     try:
         with zipfile.ZipFile(archive) as opened:
             return _unpack(opened, results, trust)
-    except (
-        zipfile.BadZipFile,
-        zipfile.LargeZipFile,
-        NotImplementedError,
-        EOFError,
-        RuntimeError,
-        UnicodeError,
-    ) as error:
+    except _NO_PACK as error:
         raise ValueError(f"unpack: {archive}: is no whole pack: {error}") from None
     except (StoreError, _Refused) as error:
         raise ValueError(f"unpack: {archive}: {error}") from None
@@ -236,7 +214,8 @@ def _unpack(archive: zipfile.ZipFile, results: Path, trust: bool) -> Unpacked:
 
     require_free(target)
     write_folder(target, fill)
-    return Unpacked(target, _digest(text), len(wanted), len(listing) - len(wanted))
+    digest_of_all = blake2b(text, digest_size=16).hexdigest()
+    return Unpacked(target, digest_of_all, len(wanted), len(listing) - len(wanted))
 
 
 def _listing(
@@ -257,9 +236,8 @@ def _listing(
             raise KeyError
         study = found["study"]
         listing = {name: (one["size"], one["blake2b"]) for name, one in found["files"].items()}
-        if not isinstance(study, str) or not all(
-            type(n) is int and n >= 0 and isinstance(d, str) for n, d in listing.values()
-        ):
+        whole = all(type(n) is int and n >= 0 and isinstance(digest, str) for n, digest in listing.values())
+        if not isinstance(study, str) or not whole:
             raise TypeError
     except (ValueError, KeyError, TypeError, AttributeError):
         raise _Refused("its pack.json is damaged, or of another version") from None
@@ -290,12 +268,7 @@ def _check_names(listing: Iterable[str], members: dict[str, zipfile.ZipInfo]) ->
 
 
 def _check_part(part: str, name: str) -> None:
-    bad = (
-        part in ("", ".", "..")
-        or part.endswith((".", " "))
-        or part.startswith((" ", "-", "."))
-        or _RESERVED.match(part)
-    )
+    bad = not part or part.startswith((" ", "-", ".")) or part.endswith((".", " ")) or _RESERVED.match(part)
     if bad or not part.isprintable() or any(c in '\\:*?"<>|/' for c in part) or len(part.encode()) > 200:
         raise _Refused(f"{name!a:.100}: is no name for a file in a folder of its own")
 
@@ -328,9 +301,8 @@ def _write_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, path: Path,
 def _check_study(folder: Path, study: str) -> None:
     """Raise `ValueError` where what was unpacked is no study that can be read."""
     read_notes(folder)
-    if (folder / "runs.parquet").exists() or not any(
-        (folder / one).exists() for one in (CALIBRATION, HAND_EYE, "gaps.parquet")
-    ):
+    others = (CALIBRATION, HAND_EYE, "gaps.parquet")
+    if (folder / "runs.parquet").exists() or not any((folder / name).exists() for name in others):
         store = ResultStore(folder)
         if store.manifest()["study"] != study:
             raise _Refused(f"its manifest is of another study than {study}")
@@ -360,18 +332,10 @@ def delete(folder: Path) -> tuple[int, list[Path]]:
             path.unlink()
     for name in _NOT_SENT:
         (folder / name).unlink(missing_ok=True)
-    for path in [*_folders_below(folder), folder]:
-        try:
-            path.rmdir()
-        except OSError:  # something that is not ours stands in it
-            continue
+    for here, _, _ in os.walk(folder, topdown=False):  # the deepest first; no link is followed
+        with suppress(OSError):  # something that is not ours stands in it
+            os.rmdir(here)
     return len(mine), others
-
-
-def _folders_below(folder: Path) -> Iterator[Path]:
-    """Yield the folders below one, the deepest first; no link is followed."""
-    for here, folders, _ in os.walk(folder, topdown=False, followlinks=False):
-        yield from (Path(here) / name for name in folders if not (Path(here) / name).is_symlink())
 
 
 def amount(files: int, size: int) -> str:

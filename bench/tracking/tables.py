@@ -17,9 +17,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from calibench.bench.discovery.store import FINDINGS_SCHEMA, GAPS_SCHEMA
-from calibench.bench.store.arrays import cast_table
+from calibench.bench.store.arrays import HITS_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, cast_table
 from calibench.bench.store.manifest import StoreError
-from calibench.bench.store.schema import HITS_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA
 from calibench.bench.store.tables import is_whole, parquet_file
 from calibench.bench.tracking.catalogue import CALIBRATION, HAND_EYE, Entry, catalogue
 from calibench.core.options import suggest
@@ -57,16 +56,11 @@ class LeftOut:
     why: str
 
 
-def runs_in(folder: Path, columns: Sequence[str]) -> pa.Table:
-    """Return columns of the finished runs in the table of one study; no rows where there is none. Raises `StoreError`.
+def rows_in(folder: Path, name: TableName, columns: Sequence[str]) -> pa.Table:
+    """Return columns of one of the tables in a folder; no rows where there is none. Raises `StoreError`.
 
     The seal is checked, as the store does; unlike there, a column that an older file has not is null.
     """
-    return rows_in(folder, "runs", columns)
-
-
-def rows_in(folder: Path, name: TableName, columns: Sequence[str]) -> pa.Table:
-    """Return columns of one of the tables in a folder; no rows where there is none. Raises `StoreError`."""
     schema = pa.schema([SCHEMAS[name].field(column) for column in columns])
     path = folder / f"{name}.parquet"
     if not path.exists():
@@ -202,9 +196,8 @@ def query(
     for name in SCHEMAS:  # nothing is looked for of a table whose name does not stand in the text
         files[name], missing = files_of(results, found, name) if name in text.lower() else ([], [])
         left_out += missing
-    in_memory = {
-        "studies": pa.Table.from_pylist([asdict(one) | {"study": _unicode(one.study)} for one in found], _STUDIES)
-    }
+    rows = [asdict(one) | {"study": _unicode(one.study)} for one in found]
+    in_memory = {"studies": pa.Table.from_pylist(rows, _STUDIES)}
     if "calibrations" in text.lower():
         in_memory["calibrations"] = _calibrations(results, found)
     try:

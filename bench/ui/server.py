@@ -3,9 +3,12 @@
 The door (`_Door`) stands before every page: it answers only under our own names (a foreign host name that leads here is
 refused), only to who has opened the address with the token once, and with headers that let a page load nothing but
 ours. An id in an address is looked up in the catalogue and never made part of a path. The report of a study is shown in
-a frame without an origin, in which no scripts run but those of our own report.
+a frame without an origin, in which no scripts run but those of our own report. A sweep is followed by what lies in its
+folder (`Follower`), so that processes, shards and Dask are seen alike; nothing there is changed.
 """
 
+import json
+import os
 import secrets
 import socket
 import threading
@@ -15,16 +18,19 @@ from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from fnmatch import fnmatchcase
+from functools import cache
 from hashlib import blake2b
 from hmac import compare_digest
 from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, cast, final
+from typing import Any, Literal, cast, final
 from urllib.parse import parse_qs
 
 import anyio
+import numpy as np
 import pandas as pd
+import pyarrow as pa
 import uvicorn
 from markupsafe import Markup, escape
 from starlette.applications import Starlette
@@ -36,6 +42,7 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response, Stream
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from calibench.bench.execution.in_progress import Running, hosts_at_work, read_running
 from calibench.bench.report.one_run import Found, show_run
 from calibench.bench.report.shared.page import render
 from calibench.bench.report.study.explored import LIBRARY, as_json, policy, read_static
@@ -43,17 +50,19 @@ from calibench.bench.report.study.page import StudyPage
 from calibench.bench.report.study.write import finished_runs
 from calibench.bench.statistics import tables
 from calibench.bench.statistics.fixed_target import Hits
+from calibench.bench.statistics.progress import SweepProgress, sweep_progress
 from calibench.bench.statistics.ranking import By
 from calibench.bench.statistics.targets import levels_of
 from calibench.bench.statistics.two_studies import compare
-from calibench.bench.store.notes import read_notes, write_notes
+from calibench.bench.store.arrays import POINT, Array, index_in
+from calibench.bench.store.journal import journals_in
+from calibench.bench.store.manifest import read_notes, write_notes
 from calibench.bench.store.runs import ResultStore, locked
 from calibench.bench.tracking import history
 from calibench.bench.tracking.catalogue import Entry, catalogue, line_of
 from calibench.bench.tracking.tables import folder_of
-from calibench.bench.ui.live import Follower, as_event, is_running, state_of
 from calibench.core.registry import names_of_files
-from calibench.core.words import plain
+from calibench.core.words import plain, span
 
 _EVERY = 1.0  # seconds between two looks at a sweep
 _ROWS = 100  # of a table at a time: a browser draws five hundred in a second
@@ -78,9 +87,13 @@ _HEADERS = {
 def serve(results: Path, port: int, *, write: bool, tell: Callable[[str], None]) -> None:
     """Answer until Ctrl-C; `tell` gets the address. Raises `ValueError` where the port is taken."""
     token = secrets.token_urlsafe(24)
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
-        listening = _bound(port)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind(("127.0.0.1", port))
+        listening.listen()  # who opens the address at once waits
     except OSError as error:
+        listening.close()
         raise ValueError(f"ui: port={port} is taken ({error.strerror}); port=0 takes a free one") from None
     with listening:
         port = listening.getsockname()[1]
@@ -92,18 +105,6 @@ def serve(results: Path, port: int, *, write: bool, tell: Callable[[str], None])
         tell(f"http://127.0.0.1:{port}/?token={token}")
         with suppress(KeyboardInterrupt):
             uvicorn.Server(config).run([listening])
-
-
-def _bound(port: int) -> socket.socket:
-    found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    try:
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        found.bind(("127.0.0.1", port))
-        found.listen()  # who opens the address at once waits
-    except OSError:
-        found.close()
-        raise
-    return found
 
 
 def application(results: Path, port: int, token: str, *, write: bool = False) -> ASGIApp:
@@ -287,12 +288,8 @@ class _Site:
     def _frame(self, request: Request) -> tuple[Path, Entry, dict[str, Any]]:
         folder, entry = self._asked(request.path_params["id"])
         pages = _pages_in(folder, entry)
-        values = {
-            "it": self._line(entry),
-            "entry": asdict(entry),
-            "pages": [path.relative_to(folder).as_posix() for path in pages],
-        }
-        return folder, entry, values
+        names = [path.relative_to(folder).as_posix() for path in pages]
+        return folder, entry, {"it": self._line(entry), "entry": asdict(entry), "pages": names}
 
     def study(self, request: Request) -> Response:
         """Answer with a study: its facts, its notes, and its page in a frame."""
@@ -461,9 +458,16 @@ class _Site:
             found, left_out = history.histories(self.results, history.Asked(problem, optimizer, cast(By, by)))
         found = [one for one in found if not study or any(study in version.studies for version in one.versions)]
         found.sort(key=lambda one: (one.change.p if one.change else 1.0, -len(one.versions)))
+        histories = [
+            {
+                "title": one.called, "by": one.shown, "setting": one.setting[1:], "sentence": history.sentence(one),
+                "rows": history.rows_of(one), "drawing": Markup(history.drawing(one)),  # it escapes what it is given
+            }
+            for one in found[:_CELLS]
+        ]  # fmt: skip
         return self._html(
             "history", f"History of {study}" if study else "History", **values, tab="history", problem=problem,
-            optimizer=optimizer, by=by, orders=(*_ORDERS, "success"), found=[_told(one) for one in found[:_CELLS]],
+            optimizer=optimizer, by=by, orders=(*_ORDERS, "success"), found=histories,
             more=len(found) - _CELLS, left_out=[(str(one.path), one.why) for one in left_out],
         )  # fmt: skip
 
@@ -527,23 +531,6 @@ def _whole(text: str) -> int:
     return int(text) if text.isdecimal() and len(text) < 10 else 0
 
 
-def _told(one: history.History) -> dict[str, Any]:
-    """Return a history as a page tells it; the drawing escapes what it is given."""
-    rows = []
-    for i, version in enumerate(one.versions):
-        step = one.steps.get(i)
-        rows.append({
-            "when": f"{version.began:%Y-%m-%d %H:%M}", "commit": version.commit[:8] + ("+" if version.dirty else ""),
-            "studies": ", ".join(version.studies), "runs": len(version.runs),
-            "value": history.summary_of(one, version)[3], "verdict": step.verdict if step else "",
-            "why": step.why if step else "the same values" if version.same else "",
-        })  # fmt: skip
-    return {
-        "title": one.called, "by": one.shown, "setting": one.setting[1:],
-        "sentence": history.sentence(one), "rows": rows, "drawing": Markup(history.drawing(one)),
-    }  # fmt: skip
-
-
 def _write_note(folder: Path, form: Mapping[str, str]) -> None:
     with locked(folder):
         noted = read_notes(folder)
@@ -556,25 +543,185 @@ def _write_note(folder: Path, form: Mapping[str, str]) -> None:
         write_notes(folder, noted)
 
 
+@cache
 def _static() -> dict[str, tuple[str, str]]:
     """Return what pages load, by name: type and text."""
-    if not _STATIC:
 
-        def text(*path: str) -> str:
-            return files("calibench.bench").joinpath(*path).read_text(encoding="utf-8")
+    def text(*path: str) -> str:
+        return files("calibench.bench").joinpath(*path).read_text(encoding="utf-8")
 
-        report = ("report", "study")
-        css = [
-            text("report", "shared", "templates", "page.css"), read_static("uPlot.min.css"),
-            text(*report, "templates", "study.css"), text(*report, "templates", "explored.css"),
-            text("ui", "static", "app.css"),
-        ]  # fmt: skip
-        drawn = "\n".join(read_static(name) for name in ("state.js", "style.js", "chart.js"))
-        drawn = f'(function () {{\n"use strict";\n{drawn}\n{text("ui", "static", "drawn.js")}}})();\n'
-        _STATIC["app.css"] = "text/css", "\n".join(css)
-        _STATIC["app.js"] = "text/javascript", text("ui", "static", "app.js")
-        _STATIC["drawn.js"] = "text/javascript", f"{read_static(LIBRARY)}\n{drawn}"
-    return _STATIC
+    css = [
+        text("report", "shared", "templates", "page.css"), read_static("uPlot.min.css"),
+        text("report", "study", "templates", "study.css"), text("report", "study", "templates", "explored.css"),
+        text("ui", "static", "app.css"),
+    ]  # fmt: skip
+    drawn = "\n".join(read_static(name) for name in ("state.js", "style.js", "chart.js"))
+    drawn = f'(function () {{\n"use strict";\n{drawn}\n{text("ui", "static", "drawn.js")}}})();\n'
+    return {
+        "app.css": ("text/css", "\n".join(css)), "app.js": ("text/javascript", text("ui", "static", "app.js")),
+        "drawn.js": ("text/javascript", f"{read_static(LIBRARY)}\n{drawn}"),
+    }  # fmt: skip
 
 
-_STATIC: dict[str, tuple[str, str]] = {}
+Status = Literal["running", "done", "killed", "stopped"]
+_POINTS = 100  # of a curve
+_AGAIN = 5.0  # seconds after which all is told again, changed or not: the pace falls while nothing ends
+_DIGITS = 5
+_CELLS_LEFT = 30  # that are listed
+_CHARGED, _BEST = POINT.index("charged"), POINT.index("best_value")
+_WORDS: dict[Status, str] = {
+    "running": "running", "done": "all planned runs are done", "killed": "killed: who carried it is gone",
+    "stopped": "stopped: nobody is at work on it here",
+}  # fmt: skip
+Cell = tuple[str, str]  # problem, optimizer
+State = tuple[Any, ...]
+
+
+@final
+class Follower:
+    """What one reader has been told of a sweep, and what is new to it.
+
+    `look` returns what has changed since: counts, pace, what runs now, and of each cell the median of the best value
+    over what was charged, which grows as runs end.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.store = ResultStore(folder)
+        self._seen: set[str] = set()
+        self._state: State = ()
+        self._tables: State = ()
+        self._at = 0.0
+        self._grid: Array = np.zeros(0)
+        self._runs: dict[Cell, list[Array]] = {}
+        self._growing: dict[str, Array] = {}
+
+    def look(self) -> dict[str, Any] | None:
+        """Return what to tell of the sweep, as plain values; None where nothing has changed. Raises `ValueError`."""
+        state = state_of(self.store.folder)
+        if state == self._state and time.monotonic() - self._at < _AGAIN:
+            return None
+        event: dict[str, Any] = {}
+        grid = _grid(self.store.manifest())
+        if not np.array_equal(grid, self._grid):  # at the first look, and where a larger budget has joined
+            self._grid, self._seen, self._runs, self._growing, self._tables = grid, set(), {}, {}, ()
+            event["at"] = grid.tolist()
+        progress, running = sweep_progress(self.store), read_running(self.store.folder)
+        changed = self._new_runs()
+        self._state, self._at = state, time.monotonic()
+        status = _status(self.store.folder, progress)
+        way = f"; the same command goes on: {progress.command}" if progress.command else ""
+        curves = []
+        for cell in sorted(changed):  # the median over the runs of a cell; a run without a value is infinitely bad
+            stack = np.array(self._runs[cell])
+            middle = np.median(np.where(np.isnan(stack), np.inf, stack), axis=0)
+            curves.append({"problem": cell[0], "method": cell[1], "runs": len(stack), "y": _rounded(middle)})
+        return event | {
+            "status": status, "words": _WORDS[status] + (way if status in ("killed", "stopped") else ""),
+            "planned": max(progress.planned, progress.done), "done": progress.done, "failed": progress.failed,
+            "timeouts": progress.timeouts, "left": progress.to_do,
+            "pace": f"{plain(progress.pace, 3)} runs/s" if progress.pace > 0 else "–",
+            "eta": span(progress.eta_s) if progress.eta_s is not None and status == "running" else "–",
+            "hosts": sorted(progress.hosts),
+            "reasons": [[reason.count, reason.status, reason.text, reason.run_id] for reason in progress.reasons],
+            "cells": sorted(([n, label] for label, n in progress.left.items()), reverse=True)[:_CELLS_LEFT],
+            "curves": curves,
+            "running": [self._running(run) for run in running],
+        }  # fmt: skip
+
+    def _new_runs(self) -> set[Cell]:
+        """Take the curves of runs that ended since the last look; return their cells."""
+        changed = set()
+        for reader in journals_in(self.store.folder):
+            for record in reader:
+                if record.run_id not in self._seen:
+                    row = dict(record.common) | dict(zip(record.names, json.loads(record.row), strict=True))
+                    points = json.loads(record.trace)
+                    changed.add(self._take(row, np.array(points[_CHARGED], float), np.array(points[_BEST], float)))
+        tables = tuple(_stat(self.store.folder / name) for name in ("runs.parquet", "traces.parquet"))
+        if tables != self._tables:
+            self._tables = tables
+            changed |= self._of_tables()
+        return changed
+
+    def _of_tables(self) -> set[Cell]:
+        rows = self.store.rows(["run_id", "problem", "optimizer"]).to_pylist()
+        new = [row for row in rows if row["run_id"] not in self._seen]
+        if not new:
+            return set()
+        traces = self.store.traces()
+        ids = pa.array([row["run_id"] for row in new], pa.string())
+        found = index_in(pa.array(traces["run_id"], pa.string()), ids).to_numpy(zero_copy_only=False).astype(float)
+        known = np.flatnonzero(~np.isnan(found))
+        order = known[np.argsort(found[known], kind="stable")]
+        ends = np.searchsorted(found[order], np.arange(len(new) + 1))
+        charged, best = (traces[name].to_numpy(dtype=float)[order] for name in ("charged", "best_value"))
+        return {self._take(row, charged[a:b], best[a:b]) for row, a, b in zip(new, ends, ends[1:], strict=False)}
+
+    def _take(self, row: dict[str, Any], charged: Array, best: Array) -> Cell:
+        cell = str(row["problem"]), str(row["optimizer"])
+        self._seen.add(row["run_id"])
+        self._growing.pop(row["run_id"], None)
+        last = np.searchsorted(charged, self._grid, side="right") - 1
+        values = np.where(last >= 0, best[np.maximum(last, 0)] if len(best) else np.nan, np.nan)
+        self._runs.setdefault(cell, []).append(values)
+        return cell
+
+    def _running(self, run: Running) -> dict[str, Any]:
+        """Return a run in progress, with its best values at the looks so far."""
+        curve = self._growing.setdefault(run.run_id, np.full(len(self._grid), np.nan))
+        if run.best_value is not None and len(curve):
+            here = max(0, int(np.searchsorted(self._grid, run.spent, side="right")) - 1)
+            before = np.flatnonzero(~np.isnan(curve[:here]))
+            last = int(before[-1]) if len(before) else here
+            curve[last + 1 : here] = curve[last]  # as it was at the look before
+            curve[here] = run.best_value
+        return {
+            "run_id": run.run_id, "problem": run.problem, "method": run.optimizer, "line": run.line(),
+            "y": _rounded(curve),
+        }  # fmt: skip
+
+
+def state_of(folder: Path) -> State:
+    """Return what changes as a sweep goes on: names, sizes and times of its files, and where somebody is at work."""
+    paths = [folder / name for name in ("manifest.json", "runs.parquet", "traces.parquet")]
+    for name in ("journal", "running"):
+        paths += sorted((folder / name).glob("*"))
+    return (*map(_stat, paths), *sorted(hosts_at_work(folder)))
+
+
+def _stat(path: Path) -> tuple[str, int, int]:
+    try:
+        found = os.stat(path)
+    except OSError:
+        return path.name, -1, 0
+    return path.name, found.st_size, found.st_mtime_ns
+
+
+def is_running(folder: Path) -> bool:
+    """Tell whether somebody is at work in a folder, as far as this machine can tell."""
+    return (folder / "running").is_dir() and bool(hosts_at_work(folder))
+
+
+def _status(folder: Path, progress: SweepProgress) -> Status:
+    if progress.hosts and progress.to_do:
+        return "running"
+    if not progress.to_do:
+        return "done"
+    left = any((folder / "running").glob("*"))  # who ends by itself takes its own away
+    return "killed" if left else "stopped"
+
+
+def _grid(manifest: dict[str, Any]) -> Array:
+    """Return the counts at which curves are told, evenly apart on a logarithmic axis up to the largest budget."""
+    most = max([2, *(int(one) for one in (manifest.get("budgets") or {}).values())])
+    counts: Array = np.unique(np.round(np.geomspace(1, most, _POINTS)))
+    return counts
+
+
+def _rounded(values: Array) -> list[float | None]:
+    return [float(f"{v:.{_DIGITS}g}") if np.isfinite(v) else None for v in values.tolist()]
+
+
+def as_event(event: dict[str, Any]) -> bytes:
+    """Return a server-sent event."""
+    return f"data: {json.dumps(event, separators=(',', ':'), allow_nan=False)}\n\n".encode()

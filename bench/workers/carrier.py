@@ -19,6 +19,7 @@ from calibench.bench.execution.costly import ReplayFolder, forget_replay
 from calibench.bench.execution.run import Run, Spec
 from calibench.bench.store.journal import Journal
 from calibench.core import own_state, user_file
+from calibench.core.process import one_thread
 
 _PACK_S = 1.0  # seconds of work in a pack
 _MOST = 2000  # runs in a pack, of however short runs
@@ -158,7 +159,7 @@ def do_pack(pack: Pack, keep: Callable[[Run, float], None], tell: Callable[[list
         replay = None  # this machine does not share the folder
     ended: list[Notice] = []
     last = perf_counter()
-    with user_file.as_loaded():
+    with user_file.as_loaded(), one_thread():  # each run finds both as it needs them
         for job in pack.jobs:
             spec = replace(job.spec, time_limit=job.spec.time_limit or _FOR_EVER) if pack.alone else job.spec
             began = perf_counter()

@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.arms import mukca
 from benchmarks.arms.mukca import DISTANCE
-from calibench.bench.calibration.files import read_table
+from calibench.bench.calibration.request import read_table
 from calibench.calibration.choose import choose
 from calibench.calibration.determined import order_of
 from calibench.calibration.fit import Fit, fit_arm, norms, rms

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import pandas as pd
 from matplotlib.axes import Axes
 
-from calibench.bench.calibration.figures import draw_joints, joints_size
+from calibench.bench.calibration.page import draw_joints, joints_size
 from calibench.bench.discovery.page.figures import Residuals, draw_gap, draw_residuals, gap_of, means_of, series_of
 from calibench.bench.discovery.page.words import compared, floor_holds_the_gap, noise_words
 from calibench.bench.report.shared.drawing import axes_in, explain_lines, figure_of

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from calibench.bench.execution.request import check_extras, minimum_of
-from calibench.bench.execution.stochastic import is_stochastic, seeded
+from calibench.bench.execution.request import check_extras, is_stochastic, minimum_of, seeded
 from calibench.problems.base import Array, coordinates_of, extra_of
 from calibench.testing._law import MOST_NUMBERS, TIME_LIMIT, Checks, checks_of, keep_all, require
 

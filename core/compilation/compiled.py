@@ -1,9 +1,10 @@
 """Compile kernels with numba, strictly, into a cache that cannot be stale.
 
-numba's own cache notices an edit of the file a kernel stands in, but not of the files that kernel calls. So the cache
-folder is named by a digest of all our sources: another source, another folder. `fastmath` is never used: results are
-the same bits on the same inputs. Kernels in the cache need nothing of the compiler (`core.compilation.loading`), whose
-loading takes as long as that of ten kernels.
+numba's own cache notices an edit of the file a kernel stands in, but not of the files that kernel calls. So the kernels
+of a file are kept in a folder that is named by a digest of its code and of all it imports: another code, another
+folder, and an edit elsewhere compiles nothing. `fastmath` is never used: results are the same bits on the same inputs.
+Kernels in the cache need nothing of the compiler (`core.compilation.loading`), whose loading takes as long as that of
+ten kernels.
 """
 
 import sys
@@ -19,6 +20,7 @@ from typing import Any, TypeVar, cast, final
 import numpy as np
 
 from calibench.core.kept import cache_root
+from calibench.core.sources import file_digest
 
 _SEEN = "compiled"  # folder of empty files
 F = TypeVar("F", bound=Callable[..., Any])
@@ -95,7 +97,7 @@ _LISTENERS: list[Callable[[], None]] = []
 
 
 def unseen(words: Iterable[str]) -> list[str]:
-    """Return those of `words` that no process has noted, by `seen`, as compiled from the present sources."""
+    """Return those of `words` that no process has noted, by `seen`, as compiled; a word tells the code too."""
     digests = ((word, blake2b(word.encode(), digest_size=12).hexdigest()) for word in words)
     return [word for word, digest in digests if not (cache_folder() / _SEEN / digest).exists()]
 
@@ -113,7 +115,6 @@ def _compiling(**more: bool) -> Callable[[F], F]:
     import numba
 
     settings: Any = numba.config
-    settings.CACHE_DIR = str(cache_folder())
     if settings.CPU_FEATURES is None and settings.CPU_NAME is None and settings.ENABLE_AVX:
         settings.CPU_FEATURES = _full_width()
     from calibench.core.compilation.loading import close, keep, without_literals
@@ -146,20 +147,20 @@ def _full_width() -> str | None:
 
 @cache
 def cache_folder() -> Path:
-    """Return the folder of the present sources, by a digest of all that may contain a kernel, with their paths."""
-    root, digest = Path(__file__).resolve().parents[2], blake2b(digest_size=8)
-    ours = {**dict.fromkeys(("core", "calibration", "problems", "optimizers"), "*"), "bench": "_*_kernels"}
-    for package, sources in ours.items():
-        for source in sorted((root / package).rglob(f"{sources}.py")):
-            digest.update(f"{source.relative_to(root).as_posix()}\0".encode())
-            digest.update(source.read_bytes())
-    folder = cache_root() / digest.hexdigest()
+    """Return the folder of all that is compiled, of these and of other versions of the sources."""
+    folder = cache_root() / "kernels"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             return folder
     except OSError:  # a read-only home: compile anew in each process rather than fail
         return Path(tempfile.mkdtemp(prefix="calibench-"))
+
+
+@cache
+def kernel_folder(file: Path) -> Path:
+    """Return the folder of what is compiled of a source file, by its code and that of all it imports."""
+    return cache_folder() / f"{file.stem}-{file_digest(file)}"
 
 
 def load_compiler() -> None:

@@ -19,10 +19,11 @@ import numpy as np
 from calibench.core.notes import Code, DataError, Note
 from calibench.core.options import suggest
 from calibench.core.tables.cells import Array, factor_to_base, is_unit, no_value, number_of, way_out, with_points
-from calibench.core.tables.csv_table import Table, heads
+from calibench.core.tables.csv_table import Table, heads, read_table
 from calibench.core.tables.data_file import MOST_LETTERS
 from calibench.core.words import counted, plain, shortened
 
+Cells = dict[str, list[str]]  # of each column by name
 _NAMES = ("pose_id", "visit_id")  # columns whose numbers are names: words do as well
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
 _LIKE_NUMBER = re.compile(r"[+-]?[.,]?\d")
@@ -117,16 +118,27 @@ class Declared:
             mend = f'; units={{"{column}": "UNIT"}} states it where the file cannot be changed' if self.machine else ""
             raise ValueError(f"{error}{mend}") from None
 
-    def check_needed(self, names: Sequence[str]) -> None:
-        """Raise `ValueError` where a column that is needed is not among `names`."""
-        if missing := [one.name for one in self.columns if one.needed and one.name not in names]:
-            raise ValueError(f"no column {', '.join(missing)}; the header has {', '.join(names)}")
+    def read(self, path: str | Path, where: str, bare: bool = False) -> tuple[Table, dict[str, float], Cells]:
+        """Return the table in a file, the factor of each declared column to its unit, and the cells of each column.
+
+        A `bare` file may hold the declared columns without a header. Raises `ValueError`, which begins with `where`,
+        for a file that cannot be read, another unit, and a column that is needed and not there.
+        """
+        try:
+            table = read_table(path, bare)
+            factors = {name: self.factor(name, table.units.get(name, unit))[1] for name, unit in self.units.items()}
+            cells = cells_of(table, tuple(self.units))
+        except (OSError, ValueError) as error:
+            raise ValueError(f"{where}: cannot be read: {error}") from None
+        if missing := [one.name for one in self.columns if one.needed and one.name not in cells]:
+            raise ValueError(f"{where}: no column {', '.join(missing)}; the header has {', '.join(table.names)}")
+        return table, factors, cells
 
 
 ANY = Declared()
 
 
-def cells_of(table: Table, names: Sequence[str] = ()) -> dict[str, list[str]]:
+def cells_of(table: Table, names: Sequence[str] = ()) -> Cells:
     """Return the cells of each column that has a name, without blanks around them, "" where a row ends before.
 
     Without a header the columns are called `names`. Decimal commas become points where a cell of `names` has one, and

@@ -150,8 +150,9 @@ def standing_out(final: Fit, unseen: Formulation | None) -> Standing | None:
     if unseen is not None and not final.noise.autocorrelation:
         parts.append((_unseen(final, unseen), unseen))
     left = np.concatenate([one for one, _ in parts])
-    places = np.concatenate([_places(rows) for _, rows in parts])
-    numbers = np.concatenate([rows.data.row_numbers for _, rows in parts])
+    each = [rows.data for _, rows in parts]
+    numbers = np.concatenate([data.row_numbers for data in each])
+    places = np.concatenate([data.columns.get(PLACE, data.row_numbers) for data in each]).astype(float)
     order = np.argsort(places, kind="stable")
     others = np.ones(len(left), dtype=bool)
     for _ in range(_ROUNDS):  # rows far off hide others: they widen the law, and are further off
@@ -168,10 +169,6 @@ def standing_out(final: Fit, unseen: Formulation | None) -> Standing | None:
     sensor, size = _sensor(final, [run[run < len(r)] for run in runs])
     named = tuple(tuple(sorted(numbers[run].tolist())) for run in runs)
     return Standing(named, times, sensor, size, others[: len(r)])
-
-
-def _places(rows: Formulation) -> Array:
-    return np.asarray(rows.data[PLACE], dtype=float) if PLACE in rows.data else rows.data.row_numbers.astype(float)
 
 
 def _unseen(final: Fit, unseen: Formulation) -> Array:

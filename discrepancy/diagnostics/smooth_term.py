@@ -63,7 +63,7 @@ class SmoothTerm:
             one = np.stack([values[0] == level for level in self.levels[1:]], axis=-1).astype(float)
         else:
             curves = (curve(value, low, high, self.knots) for value, low, high in zip(values, self.low, self.high))
-            one = products(curves, len(data))[:, 1:]  # the constant is the offset's
+            one = products(curves)[:, 1:]  # the constant is the offset's
         one[~np.all(np.isfinite(values), axis=0)] = 0.0  # rows that are not the target's
         if self.mix is not None:
             one = one @ self.mix
@@ -85,11 +85,11 @@ def curve(values: Array, low: float, high: float, knots: int) -> Array:
     return np.cos(np.arange(knots) * np.arccos(s)[:, None])
 
 
-def products(values: Iterable[Array], n: int) -> Array:
+def products(values: Iterable[Array]) -> Array:
     """Return the products of columns, one of each of `values`, (n, k) each: (n, k1 k2 ...)."""
-    found = np.ones((n, 1))
-    for value in values:
-        found = (found[:, :, None] * value[:, None, :]).reshape(n, -1)
+    found, *others = values
+    for value in others:
+        found = (found[:, :, None] * value[:, None, :]).reshape(len(found), -1)
     return found
 
 

@@ -238,7 +238,7 @@ class Term:
 
     def values(self, q: Quantities, data: MeasuredData, run: Run) -> Array:
         """Return the change of the quantity by a size of 1 of each part, (n, k)."""
-        return products((atom.values(q, data, run) for atom in self.atoms), len(data))
+        return products(atom.values(q, data, run) for atom in self.atoms)
 
     def with_numbers(self, numbers: Mapping[int, float]) -> Term:
         """Return the term with other numbers inside its shapes, by the place of the shape."""

@@ -268,9 +268,14 @@ class _Search:
         self.q, self.data = at.recorded, at.model.formulation.data
         self.apart = self.formulation.decorrelate(rows) is rows and at.whiten.band is None
         self.columns: dict[str, _Column] = {}
+        read: dict[str, Array] = {}
         for column in map(self._column, self._names()):
-            if column is not None and not any(self._alike(column.name, name) for name in self.columns):
-                self.columns[column.name] = column
+            if column is None:
+                continue
+            # no two columns that say the same: a temperature in two units, an angle and where it leads
+            u = self.run.read(column.name, self.q, self.data)
+            if not any(abs(np.corrcoef(u, v)[0, 1]) > _ALIKE for v in read.values()):
+                self.columns[column.name], read[column.name] = column, u
         self.parts = self._parts()
         joints = {joint.reading for joint in roles_of(self.formulation).joints}
         self.outside = {s.column for s in self.formulation.sensors} - joints if joints else set()
@@ -379,11 +384,6 @@ class _Search:
         saturated = of("tanh", widths)
         return _Column(name, tuple(powers[:2]), (*powers, *of("root"), *saturated, *delayed, *operators, *waves))
 
-    def _alike(self, one: str, other: str) -> bool:
-        """Return whether two columns say the same: a temperature in two units, an angle and where it leads."""
-        u, v = (self.run.read(name, self.q, self.data) for name in (one, other))
-        return bool(abs(np.corrcoef(u, v)[0, 1]) > _ALIKE)
-
     def _products(self, single: Sequence[Atom]) -> tuple[list[tuple[Atom, ...]], dict[str, Array]]:
         """Return the shapes of one size and the products of two, and which of them are tried for each part at once."""
         products: list[tuple[Atom, ...]] = [(atom,) for atom in single]
@@ -427,7 +427,7 @@ class _Search:
 
     def column_of(self, term: Term) -> Array:
         """Return the whitened signature of a unit of each size of a term, (N, k)."""
-        return signatures(self.fit, {term.quantity: products(map(self.value, term.atoms), len(self.data))})
+        return signatures(self.fit, {term.quantity: products(map(self.value, term.atoms))})
 
     def scan(
         self, on: ProjectedScores, quantity: str, blocks: Iterable[tuple[Array, int]], extra: Array | None = None
@@ -512,7 +512,7 @@ class _Search:
                 end += 1
             values = np.empty((n, (end - at) * k), order="F")
             for j, term in enumerate(terms[at:end]):
-                values[:, j * k : (j + 1) * k] = products(map(self.value, term.atoms), n)
+                values[:, j * k : (j + 1) * k] = products(map(self.value, term.atoms))
             yield values, k
             at = end
 
@@ -630,8 +630,7 @@ class _Search:
 
         def explained(one: Term) -> float:
             kept, run = self.values, self.run
-            each = (kept[a] if a in kept else a.values(self.q, self.data, run) for a in one.atoms)
-            value = products(each, len(self.data))
+            value = products(kept[a] if a in kept else a.values(self.q, self.data, run) for a in one.atoms)
             T, ranks, _ = self.scan(on, one.quantity, [(value, value.shape[1])])
             return self.gain(on, float(T[0]), int(ranks[0]))
 

@@ -40,8 +40,8 @@ from numpy.typing import NDArray
 
 from calibench.core.notes import Code, Note, once
 from calibench.core.options import suggest
-from calibench.discrepancy.model import machine as of_machines, roles as parts_of
-from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities, Slopes, as_they_are
+from calibench.discrepancy.model import roles as parts_of
+from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities, Slopes, as_is, complex_step_slopes
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, complete, number_visits, without_gaps
 from calibench.discrepancy.model.model import learned_noise, noise_left, relearned
 from calibench.discrepancy.model.roles import Roles, inputs_of, roles_of, unknown_noise_of
@@ -113,8 +113,8 @@ class Constraints:
             )
         return rows
 
-    slopes = of_machines.complex_step_slopes
-    decorrelate = as_they_are
+    slopes = complex_step_slopes
+    decorrelate = as_is
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
         """Return for each reading every column of numbers that varies: its error may depend smoothly on these."""
@@ -283,7 +283,7 @@ class Predicted:
             )
         return np.asarray(np.stack([q[name] for name in self.measured], axis=-1) - predicted)
 
-    decorrelate = as_they_are
+    decorrelate = as_is
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
         """Return for each measured column every column of numbers that varies, but those that are measured."""

@@ -26,7 +26,7 @@ Quantities = Mapping[str, Numbers]  # name -> (n,), or () where it is the same f
 WORKSPACE = "workspace"  # the target whose covariates are where the tool stands, x and y [mm]
 
 
-def as_they_are(formulation: Any, rows: Array) -> Array:
+def as_is(formulation: Any, rows: Array) -> Array:
     """Return `rows`: the `decorrelate` of a formulation whose readings have noise of their own each."""
     return rows
 

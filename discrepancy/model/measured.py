@@ -106,11 +106,9 @@ class MeasuredData:
 
     def rows_named(self, which: Column) -> str:
         """Return the rows `which`, a mask or indices, as they were read: "row 7", or "rows 7, 12, 40 and 3 more"."""
-        found = sorted(np.unique(self.row_numbers[which]).tolist())
-        if len(found) == 1:
-            return f"row {found[0]}"
-        shown = ", ".join(str(k) for k in found[:_SHOWN_ROWS])
-        return f"rows {shown}{f' and {len(found) - _SHOWN_ROWS} more' if len(found) > _SHOWN_ROWS else ''}"
+        found = np.unique(self.row_numbers[which]).tolist()
+        more = f" and {len(found) - _SHOWN_ROWS} more" if len(found) > _SHOWN_ROWS else ""
+        return f"row{'s' * (len(found) != 1)} {', '.join(map(str, found[:_SHOWN_ROWS]))}{more}"
 
     def labels(self, which: Column) -> tuple[str, ...]:
         """Return the numbers of the rows `which`, a mask or indices, as they were read, for a note."""

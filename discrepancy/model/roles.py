@@ -175,15 +175,13 @@ def words_of(roles: Roles) -> dict[str, str]:
         each = {joint.reading: "angle" if rotary else "position", joint.direction: "direction",
                 joint.velocity: "velocity", joint.torque: "torque" if rotary else "force",
                 joint.temperature: "temperature"}  # fmt: skip
-        meanings |= {
-            name: f"{word} of {joint.label or joint.name}"
-            for name, word in each.items()
-            if name not in meanings and name != joint.name  # a joint that is called as its column needs no words
-        }
+        each.pop(joint.name, None)  # a joint that is called as its column needs no words
+        of = joint.label or joint.name
+        meanings |= {name: f"{word} of {of}" for name, word in each.items() if name not in meanings}
     for length in roles.lengths:
-        each = {length.quantity: "length", length.force: "force along", length.temperature: "temperature"}
-        of = {name: word if word.endswith("along") else f"{word} of" for name, word in each.items()}
-        meanings |= {name: f"{word} {length.label or length.name}" for name, word in of.items() if name not in meanings}
+        each = {length.quantity: "length of", length.force: "force along", length.temperature: "temperature of"}
+        member = length.label or length.name
+        meanings |= {name: f"{word} {member}" for name, word in each.items() if name not in meanings}
     for one in roles.instruments:
         speeds = zip(one.velocity, one.columns)
         meanings |= {name: f"velocity of {column}" for name, column in speeds if name not in meanings}

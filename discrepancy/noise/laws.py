@@ -65,11 +65,9 @@ def outliers_of(formulation: Formulation, sensor: Sensor, r: Array, signature: A
     size, unit = outlying_size(energy, share, seen.epsilon, seen.tau), stated
     if len(first) >= thresholds().repeat_pairs:
         change = (formulation.data[name][second] - formulation.data[name][first]) / (np.sqrt(2) * stated)
-        left, part = changes_left(r, signature, first, second)
+        (left, part), parts = changes_left(r, signature, first, second), np.ones(len(first))
         if not returned(change, left):
             change, parts = left, part
-        else:
-            parts = np.ones(len(first))
         change = change - np.median(change)
         deviation = max(1.0, middle_half(change))  # of a noise that is wider than stated
         squares = np.asarray(change / deviation) ** 2

@@ -177,8 +177,7 @@ def whitener(slopes: Array, sigma: Array, autocorrelation: float, place: Array) 
     n, c = scaled.shape[:2]
     reach = int(np.ceil(np.log(thresholds().correlation_kept) / np.log(autocorrelation))) if autocorrelation > 0 else 0
     if not reach:
-        covariance = scaled @ scaled.transpose(0, 2, 1)
-        return Whitener(_inverse_root(covariance), None)
+        return Whitener(_inverse_root(scaled @ scaled.transpose(0, 2, 1)), None)
     band = np.zeros((c * (reach + 1), n * c))
     for lag in range(min(reach + 1, n)):
         part = autocorrelation ** (place[lag:] - place[: n - lag]).astype(float)

@@ -110,7 +110,9 @@ def _doubt(
         return (), False
     t = thresholds()
     # the size of an error may go with the reading that it is an error of: that is a form of its own
-    known = {name for e in named for name in (*own[name_of(e)], *_readings_of(at, e))}
+    recorded, data = at.at.recorded, at.model.formulation.data
+    bases = {name_of(e): e.basis(recorded, data, at.x[at.model.place_of(e)]) for e in named}
+    known = {name for e, basis in bases.items() for name in (*own[e], *basis)}
     exact = max(one.form for one in tried)
     within = max((one.form for one in tried if {*one.columns} <= known), default=exact)
     rest = max(tried, key=lambda one: one.larger if {*one.columns} <= known else one.beside)
@@ -125,10 +127,6 @@ def _doubt(
     if ahead > 0:
         return columns, True
     return (rest.columns if more - within > (t.further_gain + t.close) / 2 else ()), False
-
-
-def _readings_of(at: Fit, effect: Effect) -> tuple[str, ...]:
-    return tuple(effect.basis(at.at.recorded, at.model.formulation.data, at.x[at.model.place_of(effect)]))
 
 
 def accounts(

@@ -11,7 +11,7 @@ Members of a set were fitted beside what was known then. Beside what was found l
 others; and what is left is the noise by which they are told apart, where it is more than the stated one.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +23,6 @@ from calibench.discrepancy.model.roles import inputs_of
 from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import family_of
-from calibench.discrepancy.report import Shuffled
 from calibench.discrepancy.search import form as forming
 from calibench.discrepancy.search.select import Option, energy_of, fit_with, options, run_tests, spared
 from calibench.discrepancy.search.shuffle import controls
@@ -56,19 +55,16 @@ def named_by_smooth(base: Fit, candidates: Sequence[Effect], terms: Sequence[Eff
         falls = [e for e, own in zip(found.values(), sets) if own is None]
         if not falls:
             firsts = [[e] for e in found.values()]
-            told = [controls(one, firsts, candidates) for one in (free, at)]  # beside the rest, and as it is told
-            falls = [e for e, *both in zip(found.values(), *told) if any(_by_chance(one, e) for one in both)]
+            told = (
+                own for one in (free, at) for own in controls(one, firsts, candidates)
+            )  # beside the rest, and as told
+            by_chance = {name for own in told for name, one in own.items() if one.p > t.shuffled_p}
+            falls = [e for name, e in found.items() if name in by_chance]
         if not falls:
             return tuple(own for own in sets if own is not None)
         for e in falls:
             del found[name_of(e)]
     return ()
-
-
-def _by_chance(told: Mapping[str, Shuffled], effect: Effect) -> bool:
-    """Return whether an effect lives on an order, and shuffled ones explain as much too often."""
-    one = told.get(name_of(effect))
-    return one is not None and one.p > thresholds().shuffled_p
 
 
 def _of_the_course(part: Component, at: Fit, candidates: Sequence[Effect]) -> Effect | None:
@@ -125,17 +121,16 @@ def _beside_others(
     top = max(tried, key=lambda o: o.gain, default=None)
     if own is None or top is None:
         return None, ()
-    close = [o if np.isfinite(o.behind) else replace(o, behind=_behind(o, top)) for o in forming.near(tried)]
+    close = []
+    for o in forming.near(tried):
+        behind = max(top.gain - o.gain - max(spared(o, top), thresholds().form * top.gain), 0.0)
+        close.append(o if np.isfinite(o.behind) else replace(o, behind=behind))
     plain = at.noise.cost(without.r)
     stated = [
         replace(o, gain=at.noise.gained(plain, at.noise.cost(o.fit.r), o.fit.degrees) - o.paid) if len(o.fit.r) else o
         for o in close
     ]
     return next((o for o in stated if o.name == name), None), tuple(stated)
-
-
-def _behind(o: Option, top: Option) -> float:
-    return max(top.gain - o.gain - max(spared(o, top), thresholds().form * top.gain), 0.0)
 
 
 def _first(own: Option, close: Sequence[Option]) -> tuple[Option, ...]:

@@ -6,7 +6,7 @@ MATLAB's names (`options`), tests and exit flags (`search`), and `constraints`. 
 
 from typing import TYPE_CHECKING
 
-from calibench.core.lazy import loader
+from calibench.core.lazy import loader, public_names
 from calibench.optimizers.fmincon.method import Fmincon
 from calibench.optimizers.fmincon.options import Options, optimoptions
 
@@ -20,5 +20,4 @@ _HOMES = dict.fromkeys(("Multipliers", "Output", "Result", "fmincon"), "direct")
 __getattr__ = loader(__name__, _HOMES)  # as every start lists the names of all that there is
 
 
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__dir__ = public_names(__all__)

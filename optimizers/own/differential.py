@@ -56,5 +56,4 @@ class DifferentialEvolution:
             step.advance(room, values, trial_values, self.F, self.CR, state)
 
     def compile(self) -> None:
-        """Compile (or load from the cache) the steps, so that no clock sees it."""
         rehearse(replace(self, population=4))

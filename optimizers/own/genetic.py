@@ -115,5 +115,4 @@ class GeneticAlgorithm:
                 points = asked[:count]
 
     def compile(self) -> None:
-        """Compile (or load from the cache) the steps, so that no clock sees it."""
         rehearse(replace(self, population=4, NR=1))

@@ -16,9 +16,7 @@ _BATCHES = 5  # of a rehearsal
 
 def population_traits(population: int) -> Traits:
     """Return the traits of a method whose first sample is `population` random points of the box."""
-    return Traits(
-        stochastic=True, uses_start=False, minimum_budget=population, needs_finite_bounds=True, batches=True
-    )  # fmt: skip
+    return Traits(stochastic=True, uses_start=False, minimum_budget=population, needs_finite_bounds=True, batches=True)
 
 
 def rehearse(optimizer: Optimizer) -> None:

@@ -100,5 +100,4 @@ class ParticleSwarm:
             step.advance(room, values, own_values, memory, rules, state)
 
     def compile(self) -> None:
-        """Compile (or load from the cache) the steps, so that no clock sees it."""
         rehearse(replace(self, population=4, NR=1))

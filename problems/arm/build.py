@@ -14,7 +14,7 @@ import numpy as np
 
 from calibench.calibration.determined import gauge
 from calibench.calibration.dh import read_dh
-from calibench.calibration.kinematics import Chain, Compared, parameter_names, parameter_units, sockets, targets
+from calibench.calibration.kinematics import Chain, Compared, parameter_units, sockets, targets
 from calibench.calibration.readings import Readings, Table, read_readings
 from calibench.calibration.rigid import Rotation
 from calibench.calibration.start import Start, start_of
@@ -80,7 +80,7 @@ def _measured(
     """Return the problem of measured postures: rows that are held are kept back, what is not determined is held."""
     seen = compared(readings.where(readings.train), reads, gap)
     held = compared(readings.where(~readings.train), "position" if reads == "pose" else reads, gap)
-    units = dict(zip(parameter_names(chain), parameter_units(chain), strict=True))
+    units = parameter_units(chain)
     rows = [Parameter(n, units[n], 0.0, -HALF[units[n]], HALF[units[n]]) for n in gauge(chain, seen)]
     limit = given["robust"] if given["robust"] > 0 else np.inf
     return ArmCalibration(
@@ -109,7 +109,7 @@ def simulated(name: str, given: tuple[tuple[str, Any], ...]) -> ArmCalibration:
     chosen = dict(given)
 
     def problem(drawn: ArmInstance, noise: float) -> ArmCalibration:
-        units = dict(zip(parameter_names(drawn.chain), parameter_units(drawn.chain), strict=True))
+        units = parameter_units(drawn.chain)
         box = (drawn.box.lower.tolist(), drawn.box.upper.tolist(), drawn.box.truth.tolist())
         rows = tuple(
             Parameter(name=n, unit=units[n], start=0.0, lower=low, upper=high, true=true)

@@ -103,7 +103,7 @@ def arm_instance(family: str, instance: int, reads: str, build: Callable[[ArmIns
             seen = kinematics.forward(chain, {}, q)
             silent = kinematics.targets(q, seen[:, :3, 3], None if reads == "position" else seen[:, :3, :3])
         names = gauge(chain, silent)
-        units = dict(zip(kinematics.parameter_names(chain), kinematics.parameter_units(chain), strict=True))
+        units = kinematics.parameter_units(chain)
         width = np.array([_HALF[units[n]] for n in names])
         box = Box.drawn(streams["box"], np.zeros(len(names)), width, [_DIGITS[units[n]] for n in names])
         made = ArmInstance(

@@ -74,9 +74,6 @@ class Places:
     second: Array
     between: Index
 
-    def __len__(self) -> int:
-        return len(self.between)
-
 
 def places(name: str, bed_radius: float) -> Places:
     """Return the places of a named plan on a bed of `bed_radius` mm; raise `ValueError` that lists the names.
@@ -236,10 +233,7 @@ class DeltaFamily:
             return _drawn(tuple(sorted(options.items())))
         chosen = instances.bound(_declared, options)
         del chosen["instance"]
-        if chosen["sigma"] < 0:
-            raise ValueError(f"delta9.sigma={chosen['sigma']:g}: a standard deviation [mm] cannot be negative")
-        if chosen["seed"] < 0:
-            raise ValueError(f"delta9.seed={chosen['seed']}: must be 0 or above")
+        instances.check_noise(self.name, chosen, "mm", "sigma", "seed")
         machine, half = Machine(), np.array(_HALF)
         at, box = places(chosen["plan"], machine.bed_radius), instances.Box(np.array(_TRUTH), -half, half)
         return _measured(chosen, machine, at, box, chosen)

@@ -182,10 +182,7 @@ class OrthoglideFamily:
             return _seen(chosen, plan, deviations, f"data={chosen['data']}")
 
         # the deviations that a machine with Table 3's errors gives, with noise on every gauge reading, Zero too
-        if chosen["sigma"] < 0:
-            raise ValueError(f"{_FAMILY}.sigma={chosen['sigma']:g}: a standard deviation [mm] cannot be negative")
-        if chosen["seed"] < 0:
-            raise ValueError(f"{_FAMILY}.seed={chosen['seed']}: must be 0 or above")
+        instances.check_noise(self.name, chosen, "mm", "sigma", "seed")
         name = chosen["plan"]
         try:
             is_file = name not in get_args(PlanName) and Path(name).is_file()

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from calibench.core.options import suggest
 from calibench.core.tables.cells import number_of
-from calibench.core.tables.columns import Declared, Quantity, cells_of
-from calibench.core.tables.csv_table import read_table as read_cells
+from calibench.core.tables.columns import Declared, Quantity
 from calibench.problems import constants
 from calibench.problems.base import Array
 from calibench.problems.orthoglide.kinematics import AXES, PAPER, geometry, inverse_kinematics
@@ -212,16 +211,7 @@ def read_table(path: str | Path, deviations: bool = True) -> tuple[Plan, Array]:
     Raises `ValueError` with the file, the row and the column of a missing cell, a wrong word or a wrong unit.
     """
     where = f"{'readings' if deviations else 'plan'}={path}"
-    try:
-        found = read_cells(path)
-        units = {name: _READ.factor(name, found.units.get(name, unit))[1] for name, unit in _READ.units.items()}
-        columns = cells_of(found, tuple(_READ.units))
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{where}: cannot be read: {error}") from None
-    try:
-        (_READ if deviations else _PLAN).check_needed(found.names)
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
+    found, units, columns = (_READ if deviations else _PLAN).read(path, where)
     plan, values = [], []
     for k, (line, row) in enumerate(found.rows):
         if not "".join(row).strip():

@@ -14,8 +14,7 @@ import numpy as np
 
 from calibench.core.options import FilePath, suggest
 from calibench.core.tables.cells import number_of
-from calibench.core.tables.columns import Declared, Quantity, cells_of
-from calibench.core.tables.csv_table import read_table
+from calibench.core.tables.columns import Declared, Quantity
 from calibench.problems import instances
 from calibench.problems.base import Array, Parameter, frozen, numbers_of, registry
 from calibench.problems.planar import gpm2002
@@ -91,22 +90,13 @@ class PlanarFamily:
             raise ValueError(f"{self.name}.instance: draws a machine, but its readings are given; leave one out")
         is_file = isinstance(readings, str | Path)
         if isinstance(readings, str | Path):  # columns enc_1..3, or three columns without header
-            try:
-                found = read_table(readings, bare=True)
-                factors = [_READ.factor(name, found.units.get(name, "rad"))[1] for name in _COLUMNS]
-                cells = cells_of(found, _COLUMNS)
-            except (OSError, ValueError) as error:
-                raise ValueError(f"readings={readings}: cannot be read: {error}") from None
-            try:
-                _READ.check_needed(found.names or _COLUMNS)
-            except ValueError as error:
-                raise ValueError(f"readings={readings}: {error}") from None
+            found, factors, cells = _READ.read(readings, f"readings={readings}", bare=True)
             three = [[number_of(cell) for cell in cells[name]] for name in _COLUMNS]
             table = np.array(list(zip(*three, strict=True)), dtype=float)
             for (line, row), numbers in zip(found.rows, zip(*three, strict=True), strict=True):
                 if None in numbers:
                     raise ValueError(f"readings={readings}: row {line} does not hold three numbers: {list(row)!r:.80}")
-            table = table * factors if table.size else np.empty((0, 0))
+            table = table * [*factors.values()] if table.size else np.empty((0, 0))
         else:
             table = numbers_of(readings)
         if table.ndim != 2 or table.shape[1] != 3 or not len(table):
@@ -221,11 +211,9 @@ def _attempt(
 
 def _simulate(name: str, case: Case, chosen: dict[str, Any], centre: Array) -> Planar:
     """Take the readings that the actual machine gives at the planned positions, with noise."""
-    if not 0 <= chosen["noise"] <= 1:
-        rule = "cannot be negative" if chosen["noise"] < 0 else "above 1 rad leaves no reading"
-        raise ValueError(f"{name}.noise={chosen['noise']:g}: a standard deviation [rad] {rule}")
-    if chosen["data_seed"] < 0:
-        raise ValueError(f"{name}.data_seed={chosen['data_seed']}: must be 0 or above")
+    instances.check_noise(name, chosen, "rad")
+    if chosen["noise"] > 1:
+        raise ValueError(f"{name}.noise={chosen['noise']:g}: a standard deviation [rad] above 1 rad leaves no reading")
     _free_names(name, case, chosen)
     actual = case.setting.actual
     assert actual is not None

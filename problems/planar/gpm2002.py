@@ -22,13 +22,12 @@ from calibench.problems.instances import Noise, Stream
 
 # Functions of angles [rad] with the same bits on every processor, as simulated readings decide the id of a run: those
 # of the C library, number by number. NumPy's take other code where a processor has wider registers (AVX-512).
-cos, sin, arctan2 = (np.vectorize(of, otypes=[float]) for of in (math.cos, math.sin, math.atan2))
+cos, sin = np.vectorize(math.cos, otypes=[float]), np.vectorize(math.sin, otypes=[float])
+arctan2 = np.vectorize(math.atan2, otypes=[float])
 arccos = np.vectorize(lambda x: math.acos(x) if -1 <= x <= 1 else math.nan, otypes=[float])  # NaN beyond -1 and 1
 
 PAPER = "cong2008"
-NAMES = (
-    "xa1", "ya1", "xa2", "ya2", "xa3", "ya3", "la1", "la2", "la3", "lb1", "lb2", "lb3", "z1", "z2", "z3",
-)  # fmt: skip
+NAMES = ("xa1", "ya1", "xa2", "ya2", "xa3", "ya3", "la1", "la2", "la3", "lb1", "lb2", "lb3", "z1", "z2", "z3")
 UNITS = ("mm",) * 12 + ("rad",) * 3
 
 

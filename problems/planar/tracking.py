@@ -178,10 +178,7 @@ def tracking_zero(
         given = {key: value for key, value in chosen.items() if value != declared[key].default}
         instances.refuse_drawn(_FAMILY, number, given, {"experiment": 1, **problem.drawn.options})
         return problem
-    if chosen["noise"] < 0:
-        raise ValueError(f"{_FAMILY}.noise={chosen['noise']:g}: a standard deviation [rad] cannot be negative")
-    if chosen["data_seed"] < 0:
-        raise ValueError(f"{_FAMILY}.data_seed={chosen['data_seed']}: must be 0 or above")
+    instances.check_noise(_FAMILY, chosen, "rad")
     if chosen["n"] < 2:
         raise ValueError(f"{_FAMILY}.n={chosen['n']}: a pose gives one equation, so 2 parameters need at least 2 poses")
     planned = gpm2002.DrawnPlan(chosen["plan"], chosen["radius"], chosen["n"], home())

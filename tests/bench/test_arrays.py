@@ -9,9 +9,17 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibench.bench.store import arrays
-from calibench.bench.store.arrays import array_of, empty_table, indices, mask_of, numbers
+from calibench.bench.store.arrays import (
+    PART_SCHEMA,
+    RUNS_SCHEMA,
+    array_of,
+    empty_table,
+    indices,
+    mask_of,
+    numbers,
+    to_pandas,
+)
 from calibench.bench.store.columns import floats, known, numbered, plain, true
-from calibench.bench.store.schema import PART_SCHEMA, RUNS_SCHEMA, to_pandas
 
 WHOLE = st.integers(-(2**63), 2**63 - 1)
 KINDS = {

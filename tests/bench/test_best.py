@@ -14,7 +14,7 @@ from calibench.bench.statistics import summary
 from calibench.bench.statistics.best import Rival, Side, ratio_of, rivals_of
 from calibench.bench.statistics.ranking import order_of_scores as order_of, places, scores
 from calibench.bench.statistics.targets import COLUMN, with_lowest_seen
-from calibench.bench.statistics.two_studies import rank_sum_tails
+from calibench.bench.statistics.two_studies import rank_sum_tails, signed_rank_tails
 from calibench.bench.store.manifest import remaining_by_budget
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.request import read_request
@@ -265,3 +265,15 @@ def test_an_abandoned_plan_is_not_waited_for_and_decides_nothing(tmp_path):
     assert "lm reaches" not in page
     store.plan(first.labels, called=first.called, budgets=first.budgets)
     assert not store.manifest()["abandoned"]
+
+
+def test_tails_of_many_runs_are_those_of_scipy_to_the_last_bit():
+    rng = np.random.default_rng(5)
+    for draw in (lambda n: rng.integers(-9, 12, n).astype(float), lambda n: rng.normal(0.05, 1.0, n)):
+        first, second, few = draw(300), draw(90), draw(8)
+        apart = first[first != 0]
+        for one, other in ((first, second), (few, first)):
+            expected = [stats.mannwhitneyu(one, other, alternative=way).pvalue for way in ("less", "greater")]
+            assert rank_sum_tails(one, other) == tuple(expected)
+        expected = [stats.wilcoxon(apart, method="approx", alternative=way).pvalue for way in ("greater", "less")]
+        assert signed_rank_tails(first) == tuple(expected)

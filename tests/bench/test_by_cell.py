@@ -14,7 +14,7 @@ from calibench.bench.report.study.page import StudyPage
 from calibench.bench.statistics import tables
 from calibench.bench.statistics.cells import CELL, by_number
 from calibench.bench.statistics.summary import QUARTILES, quantiles
-from calibench.bench.store.schema import TRACES_SCHEMA
+from calibench.bench.store.arrays import TRACES_SCHEMA
 
 pytestmark = pytest.mark.usefixtures("one_process")
 

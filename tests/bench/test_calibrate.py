@@ -10,7 +10,7 @@ import pytest
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
-from calibench.bench.calibration.files import read_table
+from calibench.bench.calibration.request import read_table
 from calibench.bench.cli import main
 from calibench.bench.measured import read_measured
 from calibench.calibration.determined import order_of

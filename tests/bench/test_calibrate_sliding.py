@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from calibench.bench.calibration.figures import joint_chart
+from calibench.bench.calibration.page import joint_chart
 from calibench.bench.cli import main
 from calibench.bench.discovery.page.words import headline
 from calibench.bench.measured import read_measured

@@ -10,7 +10,7 @@ import pytest
 
 from calibench import optimizers, problems
 from calibench.bench.cli import main
-from calibench.bench.commands.status import lines_of
+from calibench.bench.commands.study import lines_of
 from calibench.bench.statistics.progress import sweep_progress
 from calibench.bench.store.runs import ResultStore, merge
 from calibench.bench.sweep.request import read_request

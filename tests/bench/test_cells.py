@@ -21,8 +21,8 @@ from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import ranking, summary, tables
 from calibench.bench.statistics.cells import CELL, mixed_code
 from calibench.bench.statistics.names import method_labels, problem_titles
+from calibench.bench.store.arrays import RUNS_SCHEMA, to_pandas
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.store.schema import RUNS_SCHEMA, to_pandas
 
 pytestmark = pytest.mark.usefixtures("one_process")
 

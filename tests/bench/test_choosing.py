@@ -10,7 +10,7 @@ import pytest
 
 from calibench.bench.statistics.choosing import Scored, choose, nest, score_of
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.sweep.from_python import sweep
+from calibench.bench.sweep.carry_out import sweep
 from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("one_process")

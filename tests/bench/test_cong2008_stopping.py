@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibench.bench.papers.cong2008.stopping import COLUMNS, MATLAB, VARIANTS, Judged, Variant, ends, plan, verdict_of
-from calibench.bench.papers.row import Verdict, problem as make_problem
+from calibench.bench.papers.ledger import Verdict, problem as make_problem
 from calibench.optimizers.fmincon import fmincon
 from tests.few import few
 

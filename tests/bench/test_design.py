@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from calibench.bench.discovery.design import plan_names
+from calibench.bench.discovery.batch import plan_names
 from tests.bench.test_discover import call
 
 

@@ -24,8 +24,8 @@ from calibench.bench.discovery.batch import with_advice
 from calibench.bench.discovery.store import FINDINGS_SCHEMA, GAPS_SCHEMA
 from calibench.bench.measured.files import read_measured
 from calibench.bench.measured.sources import sources
+from calibench.bench.store.arrays import to_pandas
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.store.schema import to_pandas
 from calibench.discrepancy.design.detectability import WhitenedDesign
 from calibench.discrepancy.machines.gpm2002.description import planned, reachable
 from tests.few import few

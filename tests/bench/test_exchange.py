@@ -14,7 +14,7 @@ import pytest
 
 from calibench import bench, optimizers
 from calibench.bench.commands.compare import _why_none
-from calibench.bench.exchange import latex
+from calibench.bench.exchange import tables as latex
 from calibench.bench.exchange.coco import NOT_FINITE
 from calibench.bench.exchange.mlflow_runs import _MEASURED, _metrics
 from calibench.bench.exchange.studies import (

@@ -13,7 +13,7 @@ from calibench import optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.exchange.studies import algorithm_names
 from calibench.bench.execution.run import execute
-from calibench.bench.store.notes import Notes, read_notes, write_notes
+from calibench.bench.store.manifest import Notes, read_notes, write_notes
 from calibench.bench.store.runs import ResultStore
 from calibench.problems.suites.black_box import COCO_GAPS
 from tests.bench.exchange_studies import mixed_study, suite_study

@@ -11,7 +11,7 @@ from calibench import bench, optimizers
 from calibench.bench.cli import main
 from calibench.bench.report.study import figures
 from calibench.bench.statistics.summary import endings
-from calibench.bench.sweep.studies import study_preset
+from calibench.bench.sweep.composition import study_preset
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from jinja2 import UndefinedError
 from calibench import bench, optimizers, problems
 from calibench.bench.discovery.page.page import Page
 from calibench.bench.papers import page as ledger_page
-from calibench.bench.papers.row import Row
+from calibench.bench.papers.ledger import Row
 from calibench.bench.report.shared.drawing import axes_in, figure_of, save
 from calibench.bench.report.shared.page import Head, Table, inline_svg, macros, render
 from calibench.bench.report.study.explored import scripts

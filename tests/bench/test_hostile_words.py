@@ -353,7 +353,7 @@ def test_what_no_door_expected_is_still_one_line_that_says_where(monkeypatch, fa
     def identify(*_args, **_options):
         raise fault
 
-    monkeypatch.setattr("calibench.bench.commands.identify.identify", identify)
+    monkeypatch.setattr("calibench.problems.identify", identify)
     line = refused("identify", "problem=sensor_zero")
     assert type(fault).__name__ in line
     assert "test_hostile_words.py, line " in line

@@ -22,16 +22,12 @@ from calibench.bench.papers.cong2008 import actual
 from calibench.bench.papers.cong2008.actual import quantity, row as cell_of, tolerance_of
 from calibench.bench.papers.cong2008.figures import runs_of
 from calibench.bench.papers.cong2008.stopping import COLUMNS, RELEASES
-from calibench.bench.papers.files import LEDGER_SCHEMA, read_rows, to_table
-from calibench.bench.papers.page import Kept, page
-from calibench.bench.papers.pashkevich2008 import experiments
-from calibench.bench.papers.pashkevich2008.machine import fitted, table2_differences
-from calibench.bench.papers.published import Printed, quantities
-from calibench.bench.papers.rerun import PAPERS as REGISTERED, agreed, differing, run_paper
-from calibench.bench.papers.row import (
+from calibench.bench.papers.ledger import (
     KINDS,
+    LEDGER_SCHEMA,
     VERDICTS,
     Ours,
+    Printed,
     Tolerance,
     at_budget,
     judge,
@@ -39,7 +35,14 @@ from calibench.bench.papers.row import (
     judge_level,
     judge_limit,
     judge_share,
+    quantities,
+    read_rows,
+    to_table,
 )
+from calibench.bench.papers.page import Kept, page
+from calibench.bench.papers.pashkevich2008 import experiments
+from calibench.bench.papers.pashkevich2008.machine import fitted, table2_differences
+from calibench.bench.papers.rerun import PAPERS as REGISTERED, agreed, differing, run_paper
 from calibench.bench.store.runs import ResultStore
 from calibench.problems import constants
 from tests.few import few
@@ -173,7 +176,7 @@ def test_an_erratum_of_the_second_paper_is_corrected_unless_it_is_none_or_of_no_
 
 @pytest.mark.parametrize(("key", "data", "name"), [("exp3", "exp3_t2", "z_y"), ("exp2", "exp2", "x_y")])
 def test_two_data_sets_would_be_one_if_the_fit_said_so(monkeypatch, key, data, name):
-    from calibench.bench.papers.pashkevich2008 import errata as numbers
+    from calibench.bench.papers.pashkevich2008 import claims as numbers
 
     printed = Printed("pashkevich2008")
     assert numbers.two_sets(printed, key, data, name).verdict == "reproduced"

@@ -7,9 +7,8 @@ import pytest
 from calibench.bench.papers import compare
 from calibench.bench.papers.cong2008 import actual
 from calibench.bench.papers.cong2008.machine import counted_closure
+from calibench.bench.papers.ledger import Evidence, Printed, Tolerance, judge_either
 from calibench.bench.papers.pashkevich2008 import claims, claims as equations
-from calibench.bench.papers.published import Printed
-from calibench.bench.papers.row import Evidence, Tolerance, judge_either
 
 CONG, PASHKEVICH = Printed("cong2008"), Printed("pashkevich2008")
 

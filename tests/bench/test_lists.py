@@ -4,8 +4,7 @@ import pyarrow as pa
 import pytest
 
 from calibench.bench.statistics.summary import goal_hits, goals_of
-from calibench.bench.store.arrays import lists_of
-from calibench.bench.store.schema import to_pandas
+from calibench.bench.store.arrays import lists_of, to_pandas
 
 
 def test_lists_are_read_as_python_reads_them():

@@ -10,8 +10,7 @@ import pytest
 
 from calibench import bench, optimizers, problems, testing
 from calibench.bench.cli import main
-from calibench.bench.execution.request import check_extras
-from calibench.bench.execution.stochastic import FRESH, seeded
+from calibench.bench.execution.request import FRESH, check_extras, seeded
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary
 from calibench.bench.statistics.optimum import optimum_of

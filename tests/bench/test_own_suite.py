@@ -14,7 +14,7 @@ import pytest
 
 from calibench import bench, optimizers, problems, testing
 from calibench.bench.cli import main
-from calibench.bench.exchange import latex
+from calibench.bench.exchange import tables as latex
 from calibench.bench.exchange.studies import file_name
 from calibench.bench.provenance import code_digest
 from calibench.bench.provenance.code_digest import changed_parts, digest_of_files

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from calibench.bench.cli import main
-from calibench.bench.store.notes import read_notes
+from calibench.bench.store.manifest import read_notes
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.tracking import pack as of
 from calibench.bench.tracking.catalogue import find_study

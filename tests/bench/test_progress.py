@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers
-from calibench.bench.commands import status
+from calibench.bench.commands import study
 from calibench.bench.execution import in_progress, in_progress as told
 from calibench.bench.execution.in_progress import (
     Progress,
@@ -224,7 +224,7 @@ def test_what_takes_long_before_the_first_run_is_said_and_nothing_else():
 def test_a_killed_sweep_is_told_from_one_that_goes_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(status, "_EVERY", 0.05)
+    monkeypatch.setattr(study, "_EVERY", 0.05)
     store = ResultStore(tmp_path / "s")
     store.open()
     store.plan({"1" * 16: "p x de"}, "bench run problem=p optimizer=de")
@@ -238,20 +238,20 @@ def test_a_killed_sweep_is_told_from_one_that_goes_on(
     with forked(work) as (child, told_by):
         told_by.recv()
         assert sweep_progress(store).pace > 0
-        assert not [line for line in status.lines_of(store, sweep_progress(store)) if "nobody" in line]
+        assert not [line for line in study.lines_of(store, sweep_progress(store)) if "nobody" in line]
         assert child.pid is not None
         os.kill(child.pid, signal.SIGKILL)
         os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)  # it is dead, and stands in the system's table
         after = sweep_progress(store)
         assert (after.hosts, after.pace, after.eta_s) == (frozenset(), 0.0, None)
-        assert status.run([str(store.folder), "--watch"]) == 0
+        assert study.status([str(store.folder), "--watch"]) == 0
     said = "nobody is at work on it here; the same command goes on: bench run problem=p optimizer=de"
     assert capsys.readouterr().out.splitlines()[1] == said
     elsewhere = json.dumps({"host": "node7", "pid": 1, "born": "1"})
     (store.folder / "running" / "1@node7.sweep").write_text(elsewhere)
     assert (
         "here; whether node7 still is cannot be seen from here; the same"
-        in status.lines_of(store, sweep_progress(store))[1]
+        in study.lines_of(store, sweep_progress(store))[1]
     )
     remove_gone(store.folder)
     assert [path.name for path in (store.folder / "running").iterdir()] == ["1@node7.sweep"]

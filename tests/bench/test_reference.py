@@ -10,13 +10,11 @@ import pytest
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.papers import pashkevich2008
-from calibench.bench.papers.files import LEDGER_SCHEMA
-from calibench.bench.papers.published import quantities
-from calibench.bench.papers.reference import Asked, check_folder, study_tables, thinned, write_printed, write_reference
-from calibench.bench.papers.row import Evidence
+from calibench.bench.papers.ledger import LEDGER_SCHEMA, Evidence, quantities
+from calibench.bench.papers.rerun import Asked, check_folder, study_tables, thinned, write_printed, write_reference
+from calibench.bench.store.arrays import RUNS_SCHEMA, TRACES_SCHEMA
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA
 from tests.few import few
 
 COMMITTED = Path(__file__).parents[2] / "results" / "reference"

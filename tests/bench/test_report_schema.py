@@ -8,7 +8,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from calibench import bench
-from calibench.bench.discovery.schema import SearchRecord
+from calibench.bench.discovery.store import SearchRecord
 from calibench.core.notes import Code, Note
 from calibench.discrepancy.model.effect import Untestable
 from calibench.discrepancy.report import Amplitude, Finding, Gap, Invisible, ParameterChange, Place, Report, Rival

@@ -17,7 +17,7 @@ from calibench.bench.execution.answer import Merit
 from calibench.bench.execution.run_row import COLUMNS, RunRow
 from calibench.bench.report.one_run import Found, show_run
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING
-from calibench.bench.store.schema import PART_SCHEMA, RUNS_SCHEMA
+from calibench.bench.store.arrays import PART_SCHEMA, RUNS_SCHEMA
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "results.md"
 NAMES = [column.name for column in COLUMNS]

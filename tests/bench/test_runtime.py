@@ -1,11 +1,15 @@
 """Fixed target: what a failed run pays, what an interval holds, what a curve counts; each beside an independent one."""
 
+import tracemalloc
+
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 from scipy import stats
 
-from calibench.bench.statistics.fixed_target import ecdf, ert, ert_interval, performance_profile, runtimes
+from calibench.bench.statistics.fixed_target import Hits, ecdf, ert, ert_interval, performance_profile, runtimes
+from calibench.bench.store.schema import HITS_SCHEMA
 
 ORACLE = "an independent library, not installed here (see docs/statistics.md)"
 
@@ -254,3 +258,31 @@ def test_runs_that_pay_nearly_the_same_have_an_interval_near_it(paid):
     """A resample of equal runs has no spread of its own: it once drew the lower end to 1."""
     [low], [high] = ert_interval(np.array(paid, float)[:, None], np.ones((len(paid), 1), dtype=bool))
     assert min(paid) - 6 < low < np.mean(paid) < high < max(paid) + 6
+
+
+def test_hits_are_the_same_in_whatever_parts_and_order_they_come():
+    runs, hits = random_study(7)
+    schema = pa.schema([HITS_SCHEMA.field(name) for name in Hits.COLUMNS])
+    table = pa.Table.from_pandas(hits[Hits.COLUMNS], schema, preserve_index=False)
+    whole = ert(hits, runs)
+    assert len(whole) > 1
+    for size in (1, 7, len(table)):
+        parts = (table.slice(begin, size) for begin in range(0, len(table), size))
+        pd.testing.assert_frame_equal(ert(Hits.of(parts), runs), whole)
+    keys = ["optimizer", "quantity", "target"]
+    mixed = ert(hits.sample(frac=1.0, random_state=1), runs).sort_values(keys, ignore_index=True)
+    pd.testing.assert_frame_equal(mixed[whole.columns], whole.sort_values(keys, ignore_index=True))
+
+
+def test_resamples_of_many_runs_are_never_there_at_once():
+    """Of 20 000 runs 999 resamples are 160 MB as numbers, and twice that as they are drawn."""
+    rng = np.random.default_rng(3)
+    paid = rng.integers(1, 90, (20_000, 2)).astype(float)
+    tracemalloc.start()
+    low, high = ert_interval(paid, paid < 30)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 120e6
+    costs = paid.sum(axis=0) / (paid < 30).sum(axis=0)
+    assert (low < costs).all()
+    assert (costs < high).all()

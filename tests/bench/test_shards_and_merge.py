@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from calibench.bench.commands import status
+from calibench.bench.commands import study
 from calibench.bench.statistics.summary import summary
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import carry_out
@@ -190,7 +190,7 @@ def test_a_failed_run_is_none_that_ran_out_of_time(run_bench, tmp_path):
 
 
 def test_status_tells_what_is_left_by_cell_and_changes_nothing(run_bench, tmp_path, monkeypatch):
-    monkeypatch.setattr(status, "_EVERY", 0.05)
+    monkeypatch.setattr(study, "_EVERY", 0.05)
     run_bench(f"{SWEEP} stop_after=1")
     store = ResultStore("results/adhoc")
     labels = store.manifest()["planned"]

@@ -17,11 +17,11 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.store import collection, manifest
+from calibench.bench.store.arrays import RUNS_SCHEMA, TRACES_SCHEMA
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.journal import Journal, JournalReader, claim, kept_by
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA
 
 pytestmark = pytest.mark.usefixtures("one_process")
 

@@ -12,8 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from calibench import bench
-from calibench.bench.store.manifest import StoreError
-from calibench.bench.store.notes import NOTES, read_notes
+from calibench.bench.store.manifest import NOTES, StoreError, read_notes
 from calibench.bench.store.runs import ResultStore, merge
 from calibench.bench.store.tables import write_tables
 from calibench.bench.tracking import catalogue as of

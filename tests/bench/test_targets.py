@@ -9,9 +9,9 @@ import pytest
 from calibench import bench, optimizers, problems
 from calibench.bench.statistics.targets import levels_of, references
 from calibench.bench.store import hits as hits_module
+from calibench.bench.store.arrays import HITS_SCHEMA
 from calibench.bench.store.hits import Points, crossings
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.store.schema import HITS_SCHEMA
 from calibench.problems.suites.black_box import COCO_GAPS
 
 pytestmark = pytest.mark.usefixtures("one_process")

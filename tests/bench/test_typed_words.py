@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibench.bench.calibration.request import read_calibrate
-from calibench.bench.discovery.request import read_discover
+from calibench.bench.discovery.batch import read_discover
 from calibench.bench.execution.request import check_pair, starting_point
 from calibench.bench.measured.files import pairs_of
 from calibench.bench.sweep.request import read_request
@@ -147,7 +147,7 @@ def test_numbers_take_all_their_spellings(options):
     assert options("problem.count=1_000,+7,1e1") == [{"count": 1000}, {"count": 7}, {"count": 10.0}]
     assert options("problem.size=.5,5.,1_0.5") == [{"size": 0.5}, {"size": 5.0}, {"size": 10.5}]
     assert [read_word(word, int) for word in ("1_000", "+7", "007", "1e3")] == [1000, 7, 7, 1000.0]
-    assert read_calibrate(["urdf=a", "data=b", "distance=+5_0", "resamples=1e2"]).resamples == 100
+    assert read_calibrate(["urdf=a", "data=b", "distance=+5_0", "resamples=1e2"]).given.resamples == 100
 
 
 def test_a_message_has_the_word_as_it_was_typed(options):

@@ -15,7 +15,7 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
-from calibench.bench.store.notes import read_notes
+from calibench.bench.store.manifest import read_notes
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.tracking import catalogue as of
 from calibench.bench.tracking.catalogue import catalogue
@@ -23,7 +23,7 @@ from tests.bench.tracked import run_of, study, version
 
 uvicorn = pytest.importorskip("uvicorn", reason="uvicorn is not here: pip install calibench[ui]")
 server = pytest.importorskip("calibench.bench.ui.server")
-live = pytest.importorskip("calibench.bench.ui.live")
+live = pytest.importorskip("calibench.bench.ui.server")
 
 HOSTILE = '<img src=x onerror=alert(1)>"&'
 TOKEN = "the-token"
@@ -98,7 +98,7 @@ def ids(results):
     return {entry.study: server.id_of(entry) for entry in catalogue(results)}
 
 
-def test_each_set_of_a_discovery_has_its_page(results):
+def test_each_set_of_a_discovery_has_its_page(results, at_one_noise):
     with pytest.raises(SystemExit):
         main(["discover", "machine=gpm2002", "data=demo_backlash", f"results={results}", "study=searched"])
     [entry] = catalogue(results, ["kind=discovery"])

@@ -8,8 +8,8 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from calibench.bench.discovery import schema
-from calibench.bench.discovery.schema import OF_THE_FILE, SCHEMA_VERSION, SearchRecord
+from calibench.bench.discovery import store
+from calibench.bench.discovery.store import OF_THE_FILE, SCHEMA_VERSION, SearchRecord
 from calibench.discrepancy.report import Gap, Report
 
 NOT_TOLD = ("candidates", "fitted")  # what `Report.to_dict` leaves out
@@ -95,4 +95,4 @@ _PLAIN: dict[Any, dict[str, Any]] = {
 
 if __name__ == "__main__":
     text = json.dumps(made_schema(), indent=1, ensure_ascii=False)
-    Path(schema.__file__).with_name("report.schema.json").write_text(f"{text}\n", encoding="utf-8")
+    Path(store.__file__).with_name("report.schema.json").write_text(f"{text}\n", encoding="utf-8")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import calibench
-from calibench.calibration.loads import torques
 from calibench.calibration.urdf import read_urdf
+from calibench.calibration.walk import torques
 from tests.bench.arm_by_hand import AXES, NAMES, PLACES, TARGET, about, placed, urdf
 from tests.calibration.test_rig import codes, error
 

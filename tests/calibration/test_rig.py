@@ -73,7 +73,7 @@ def test_three_reflectors_are_one_fit_which_is_nearer_to_the_truth_than_each_alo
     alone = [error(quick(arm, single(columns, k)), arm.parent) for k in (1, 2, 3)]
     assert error(together, arm.parent) < 0.8 * np.median(alone)
     assert codes(together)["targets"].values["targets"] == ["1", "2", "3"]
-    [seats] = {tuple(np.round(together.fit.model.places(together.fit.p)[1], 0))}
+    [seats] = {tuple(np.round(together.fit.model.parts(together.fit.p)[1][1], 0))}
     assert np.linalg.norm(np.array(seats) - (REFLECTORS[1] - TARGET)) < 2
 
 

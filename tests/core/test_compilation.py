@@ -16,6 +16,7 @@ from pathlib import Path
 import numba
 import pytest
 
+from calibench.core.compilation import compiled as compiled_
 from calibench.core.compilation.loading import keep
 from tests.few import few
 
@@ -88,11 +89,18 @@ def test_batch_and_cost_agree_in_that_process_too(compiled):
 
 
 CACHE = "from calibench.core.compilation.compiled import cache_folder; print(cache_folder())"
+KERNELS = """
+from pathlib import Path
+from calibench.core.compilation.compiled import kernel_folder
+from calibench.optimizers.own import _random_kernels as one
+from calibench.problems.planar import _closed_loop_kernels as other
+print(*(kernel_folder(Path(module.__file__).resolve()) for module in (one, other)), sep="\\n")
+"""
 
 
 @pytest.fixture
 def copied(tmp_path):
-    """Return a folder with a copy of the three packages whose sources name the cache, as an installation has them."""
+    """Return a folder with a copy of the packages that have kernels, as an installation has them."""
     home = tmp_path / "src" / "calibench"
     for package in ("core", "calibration", "problems", "optimizers"):
         shutil.copytree(ROOT / package, home / package, ignore=shutil.ignore_patterns("__pycache__"))
@@ -100,40 +108,40 @@ def copied(tmp_path):
     return home
 
 
-def cache_folder(source, root):
-    (line,) = python(CACHE, source.parent, PYTHONPATH=str(source.parent), XDG_CACHE_HOME=str(root))
-    return Path(line)
+def kernel_folders(source, root):
+    """Return where kernels of the random numbers and of the GPM2002 are kept by the sources of a copy."""
+    lines = python(KERNELS, source.parent, PYTHONPATH=str(source.parent), XDG_CACHE_HOME=str(root))
+    return [Path(line) for line in lines]
 
 
-def test_the_cache_folder_is_named_by_a_digest_of_the_sources(copied, tmp_path):
-    folder = cache_folder(copied, tmp_path / "cache")
-    assert folder.parent == tmp_path / "cache" / "calibench"
-    assert re.fullmatch(r"[0-9a-f]{16}", folder.name)
-    assert folder.is_dir()
-    assert list(folder.iterdir()) == []  # the probe of its being writable is gone
-    assert cache_folder(copied, tmp_path / "cache") == folder
-    assert cache_folder(copied, tmp_path / "elsewhere").name == folder.name
+def test_the_folder_of_kernels_is_named_by_what_their_sources_mean(copied, tmp_path):
+    before = kernel_folders(copied, tmp_path / "cache")
+    assert {folder.parent for folder in before} == {tmp_path / "cache" / "calibench" / "kernels"}
+    assert re.fullmatch(r"_random_kernels-[0-9a-f]{12}", before[0].name)
+    with (copied / "core" / "compilation" / "compiled.py").open("a") as file:
+        file.write("# another line\n")
+    (copied / "optimizers" / "own" / "new_one.py").write_text("x = 1\n")
+    assert kernel_folders(copied, tmp_path / "cache") == before
 
 
 @pytest.mark.parametrize(
-    "edited",
-    few(1, ["problems/planar/_closed_loop_kernels.py", "problems/base.py", "core/compilation/compiled.py"]),
+    ("edited", "moves"),
+    few(
+        2,
+        [
+            ("problems/planar/_closed_loop_kernels.py", [False, True]),
+            ("core/compilation/lanes.py", [False, True]),
+            ("problems/base.py", [False, True]),
+            ("optimizers/own/_random_kernels.py", [True, False]),
+            ("core/compilation/loading.py", [True, True]),
+        ],
+    ),
 )
-def test_an_edit_of_any_source_gives_another_cache(copied, tmp_path, edited):
-    before = cache_folder(copied, tmp_path)
+def test_an_edit_moves_the_kernels_that_lead_to_it_and_no_others(copied, tmp_path, edited, moves):
+    before = kernel_folders(copied, tmp_path)
     with (copied / edited).open("a") as file:
-        file.write("# another line\n")
-    assert cache_folder(copied, tmp_path) != before
-
-
-def test_a_new_source_gives_another_cache_and_other_files_do_not(copied, tmp_path):
-    before = cache_folder(copied, tmp_path)
-    (copied / "problems" / "data" / "notes.txt").write_text("no source")
-    (copied / "elsewhere").mkdir()
-    (copied / "elsewhere" / "mine.py").write_text("x = 1\n")
-    assert cache_folder(copied, tmp_path) == before
-    (copied / "optimizers" / "new_one.py").write_text("x = 1\n")
-    assert cache_folder(copied, tmp_path) != before
+        file.write("another = 1\n")
+    assert [one != other for one, other in zip(kernel_folders(copied, tmp_path), before, strict=True)] == moves
 
 
 def test_a_home_that_cannot_be_written_costs_the_cache_and_nothing_else(copied, tmp_path):
@@ -150,21 +158,22 @@ def test_a_home_that_cannot_be_written_costs_the_cache_and_nothing_else(copied, 
     assert Path(line).is_dir()
 
 
-def test_numba_is_told_that_folder_and_keeps_what_it_compiles_there(tmp_path):
+def test_kernels_are_kept_in_that_folder_and_loaded_by_another_clone(copied, tmp_path):
     code = (
-        "import numba, calibench.core.compilation.compiled as c\n"
+        "from calibench.core.compilation.compiled import cache_folder\n"
         "from calibench.problems.planar import _closed_loop_kernels as k\n"
-        "print(numba.config.CACHE_DIR == str(c.cache_folder()))\n"
         "print(k._reach_and_link(1.0, 1.0, 2.0).hex())\n"
-        "print(len(list(c.cache_folder().rglob('*_reach_and_link*.nbi'))))\n"
+        "print(len(list(cache_folder().glob('_closed_loop_kernels-*/*_reach_and_link*.nbi'))))\n"
+        "print(sum(k._reach_and_link.stats.cache_hits.values()))\n"
         "told = k._reach_and_link.targetoptions\n"
         "print(told.get('fastmath', False), told['error_model'])\n"
-    )  # fmt: skip
-    told, value, kept, options = python(code, XDG_CACHE_HOME=str(tmp_path), NUMBA_DISABLE_JIT="0")
-    assert told == "True"
-    assert float.fromhex(value) == pytest.approx(5**0.5 + 2)
-    assert kept == "1"
-    assert options == "False numpy"
+    )
+    for home, hits in ((ROOT, "0"), (copied.parent, "1")):
+        value, kept, hit, options = python(
+            code, home, PYTHONPATH=str(home), XDG_CACHE_HOME=str(tmp_path), NUMBA_DISABLE_JIT="0"
+        )
+        assert float.fromhex(value) == pytest.approx(5**0.5 + 2)
+        assert (kept, hit, options) == ("1", hits, "False numpy")
 
 
 def test_listing_names_does_not_load_the_compiler():
@@ -187,17 +196,6 @@ def test_after_compile_a_problems_own_arrays_compile_nothing(name):
     assert python(code, NUMBA_DISABLE_JIT="0") == ["True"]
 
 
-def test_an_edit_or_a_move_of_a_source_deep_in_a_room_gives_another_cache(copied, tmp_path):
-    deep = copied / "problems" / "planar" / "kernels" / "_deep.py"
-    deep.parent.mkdir(parents=True)
-    deep.write_text("x = 1\n")
-    before = cache_folder(copied, tmp_path)
-    deep.write_text("x = 2\n")
-    edited = cache_folder(copied, tmp_path)
-    deep.rename(deep.parent.parent / "_deep.py")
-    assert len({before, edited, cache_folder(copied, tmp_path)}) == 3
-
-
 def test_a_part_of_kernels_is_called_by_kernels_alone():
     """It has no entrance for Python: a call from there is told, before and after it is compiled, and ends nothing."""
     code = """
@@ -218,7 +216,7 @@ for _ in range(2):
 @pytest.mark.parametrize("left", [0.0, 0.5])
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
 def test_a_kernel_whose_file_is_cut_off_is_compiled_anew_and_kept_again(tmp_path, monkeypatch, ending, left):
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(compiled_, "cache_folder", lambda: tmp_path / "cache")
     (tmp_path / "twice.py").write_text("def twice(x):\n    return 2 * x\n")
 
     def fresh():

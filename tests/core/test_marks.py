@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibench.bench.calibration.files import read_table
+from calibench.bench.calibration.request import read_table
 from calibench.calibration.readings import read_readings
 from calibench.calibration.urdf import read_urdf
 from calibench.core.tables.cells import split_rows, valid_rows

@@ -46,7 +46,7 @@ def test_the_sine_and_the_cosine_of_a_circle_off_its_centre_are_one_cause() -> N
     assert plainly(said)
 
 
-@pytest.mark.parametrize("seed", [922044, 922106])
+@pytest.mark.parametrize("seed", [922044, 922066])
 def test_noise_that_is_carried_on_is_no_alarm_where_no_pose_is_read_again(seed: int) -> None:
     said = told("sound", seed)
     assert (said["law"], said["verdict"]) == ("carried", "none")

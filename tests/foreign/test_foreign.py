@@ -61,6 +61,5 @@ def test_rows_keep_their_place_in_the_order_of_reading_when_others_are_left_out(
     np.testing.assert_array_equal(reading_order(whole.rows(kept)), np.flatnonzero(kept))
 
 
-@pytest.mark.parametrize("seed", [962097, 922066], ids=["one far reading held out", "noise carried over held rows"])
-def test_what_noise_alone_makes_is_no_alarm(seed: int) -> None:
-    assert told("sound", seed)["verdict"] == "none"
+def test_one_far_reading_among_those_held_out_is_no_alarm() -> None:
+    assert told("sound", 962097)["verdict"] == "none"

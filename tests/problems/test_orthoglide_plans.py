@@ -65,9 +65,6 @@ def test_better_plans_are_told_before_measuring():
     assert worst["rich"] < worst["paper"] / 6
 
 
-
-
-
 def test_standard_errors_are_those_of_many_noisy_runs():
     expected = before_measuring("cross").standard_errors
     spread = make(data="synthetic", plan="cross").residual_covariance(np.zeros(6))

@@ -104,12 +104,8 @@ def workspace_map(workspace: Workspace) -> Drawing:
     size = min(14, max(4, int(np.sqrt(len(workspace.x) / 6))))
     edges = [np.linspace(v.min(), v.max() + 1e-9, size + 1) for v in (workspace.x, workspace.y)]
     column, row = (np.clip(np.digitize(v, e) - 1, 0, size - 1) for v, e in zip((workspace.x, workspace.y), edges))
-    table = (
-        pd.DataFrame({"row": row, "column": column, "residual": workspace.residual})
-        .groupby(["row", "column"])["residual"]
-        .agg(["mean", "size"])
-        .reset_index()
-    )
+    regions = pd.DataFrame({"row": row, "column": column, "residual": workspace.residual}).groupby(["row", "column"])
+    table = regions["residual"].agg(["mean", "size"]).reset_index()
     table["strength"] = table["mean"] * np.sqrt(table["size"])  # a mean of noise alone has standard deviation 1
     table["x"] = ((edges[0][:-1] + edges[0][1:]) / 2)[table["column"]]
     table["y"] = ((edges[1][:-1] + edges[1][1:]) / 2)[table["row"]]
@@ -255,9 +251,8 @@ def gap_of(gap: Gap, names: tuple[str, str]) -> pd.DataFrame:
 def draw_gap(axes: Axes, table: pd.DataFrame, noise: str, floor: bool) -> None:
     """Draw the bars of `gap_of`."""
     rows = table.iloc[::-1]
-    for y, (rms, left, right, colour) in enumerate(
-        zip(rows["rms"], rows["low"], rows["high"], (_AFTER, _BEFORE)[-len(rows) :])
-    ):
+    bars = zip(rows["rms"], rows["low"], rows["high"], (_AFTER, _BEFORE)[-len(rows) :])
+    for y, (rms, left, right, colour) in enumerate(bars):
         axes.barh(y, rms, color=colour, height=0.5)
         if np.isfinite(left):
             axes.plot([left, right], [y, y], color="black", lw=1.6, marker="|", ms=9)
@@ -423,11 +418,8 @@ def series_of(report: Report) -> Series:
         x, y = np.asarray(place["x"]), np.asarray(place["y"])
         there = np.isfinite(x) & np.isfinite(y)  # readings of another kind, of two places, have none
         workspace = Workspace(x[there], y[there], residual[there])
-    return Series(
-        table.assign(in_set=table["effect"].isin(inside), chosen=table["effect"].isin(chosen)),
-        tuple(charts),
-        workspace,
-    )
+    table = table.assign(in_set=table["effect"].isin(inside), chosen=table["effect"].isin(chosen))
+    return Series(table, tuple(charts), workspace)
 
 
 def _residuals(implied: Implied, period: float) -> Residuals:

@@ -16,7 +16,7 @@ from typing import Any, final
 
 from calibench.bench.discovery.page import words
 from calibench.bench.discovery.page.figures import CAPTIONS, discovery_figures, noise_charts, series_of
-from calibench.bench.discovery.schema import SearchRecord
+from calibench.bench.discovery.store import SearchRecord
 from calibench.bench.report.shared.drawing import save
 from calibench.bench.report.shared.page import Head, Table, inline_svg, macros, render
 from calibench.bench.store.atomic_file import write_whole
@@ -45,10 +45,8 @@ _ENOUGH = {
 _CELLS = "discovery/page/templates/cells.html.j2"  # macros of cells that are more than text
 _HARDLY = 0.05  # visible share below which an effect is all but invisible
 _BEYOND = {  # sizes that no machine has
-    "rad": (1.0, "none below 1 rad"),
-    "1": (1.0, "none below 100 %"),
-    "arcsec": (206265.0, "none below 1 rad"),
-}
+    "rad": (1.0, "none below 1 rad"), "1": (1.0, "none below 100 %"), "arcsec": (206265.0, "none below 1 rad"),
+}  # fmt: skip
 _ANY = "each of them"  # the subject of a reason that is the same for several targets
 
 

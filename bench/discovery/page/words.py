@@ -48,16 +48,14 @@ def headline(report: Report) -> str:
     if report.verdict == "none":
         return "Nothing is missing from the model that these data could show."
     if report.verdict == "noise" and not findings:
-        return (
-            "Nothing is missing from the model that these data could show, but rows stand out as no noise makes them."
-        )
+        odd = "but rows stand out as no noise makes them"
+        return f"Nothing is missing from the model that these data could show, {odd}."
     if report.verdict == "negligible":
         which = f": {_join([_claim(machine, f) for f in findings])}" if findings else ""
         return f"Something is missing, but it is too small to matter against the noise{which}."
     if report.verdict == "unknown":
-        place = clearest_place(report)
         where = ""
-        if place:
+        if place := clearest_place(report):
             where = f"; the clearest sign is at {_where(report, place.target)}, {_over(report, place.covariate)}"
         beside = f" beside {_join([_claim(machine, f) for f in findings])}" if findings else ""
         if not families(machine) and not findings:
@@ -163,9 +161,8 @@ def doubt_sentences(report: Report) -> list[str]:
     noises = []
     for other in report.other_noise:
         labels = [effect_label(machine, *e.partition(" ")[::2], again=e in known) for e in other.effects]
-        held, lost = (
-            [_label(machine, f) for f in names if (f.effect in other.effects) is kept] for kept in (True, False)
-        )
+        held = [_label(machine, f) for f in names if f.effect in other.effects]
+        lost = [_label(machine, f) for f in names if f.effect not in other.effects]
         partly = ", with something left that has no name" if other.verdict == "partly" else ""
         if not names:
             known |= set(other.effects)
@@ -325,11 +322,8 @@ def compared(report: Report) -> tuple[str, str]:
     if report.verdict == "unknown":
         return "for the model as it is", "with a smooth correction without a name"
     many = sum(not is_noise(f) for f in report.findings) > 1
-    if report.formula is not None:
-        return (
-            "without the effects" if many else "without the effect"
-        ), f"with {'them' if many else 'it'} and the formula"
-    return ("without the effects", "with them") if many else ("without the effect", "with it")
+    without, them = ("without the effects", "with them") if many else ("without the effect", "with it")
+    return without, f"{them} and the formula" if report.formula is not None else them
 
 
 def moved_sentence(report: Report, units: Mapping[str, str]) -> str:
@@ -522,9 +516,8 @@ _STEPS = {
 }  # fmt: skip
 _DASH = "–"
 _DRAWN = {  # units in which errors are drawn, the usual one first
-    "rad": ((1e3, "mrad"), (1e6, "µrad"), (1e9, "nrad")),
-    "mm": ((1e3, "µm"), (1e6, "nm"), (1e9, "pm")),
-}
+    "rad": ((1e3, "mrad"), (1e6, "µrad"), (1e9, "nrad")), "mm": ((1e3, "µm"), (1e6, "nm"), (1e9, "pm")),
+}  # fmt: skip
 
 
 def amount(value: float, unit: str, interval: tuple[float, float] | None = None) -> str:

@@ -1,7 +1,7 @@
 """Sections 3.3 and 4.5 of Cong et al. 2008: what `fmincon` finds in Tables 2 to 4, and the real machine of Table 8.
 
-Plans and release of MATLAB are not printed, so a cell is judged over all of them (`row.judge_share`): within one unit
-of its last digit, in kind its *error* within a decade. Table 8 is held against the gauge, its noise and a circle.
+Plans and release of MATLAB are not printed, so a cell is judged over all of them (`ledger.judge_share`): within one
+unit of its last digit, in kind its *error* within a decade. Table 8 is held against the gauge, its noise and a circle.
 """
 
 from collections.abc import Iterator, Mapping
@@ -13,11 +13,10 @@ import pandas as pd
 from scipy.optimize import brentq, least_squares
 
 from calibench import problems
-from calibench.bench.papers import row as ledger
+from calibench.bench.papers import ledger
 from calibench.bench.papers.cong2008 import stopping
 from calibench.bench.papers.cong2008.stopping import COLUMNS, PLANS, RELEASES, End
-from calibench.bench.papers.published import Printed
-from calibench.bench.papers.row import Array, Evidence, Row, Tolerance, judge_at_least, judge_limit, median, values_of
+from calibench.bench.papers.ledger import Array, Evidence, Ours, Printed, Row, Tolerance
 from calibench.problems.planar.gpm2002 import NAMES, home, inverse_kinematics, makers_machine
 
 _REAL = "measured on the real machine, readings not published"
@@ -51,7 +50,7 @@ def actual_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
         yield printed.claim(
             f"plan_{plan}_condition", "Section 4.5",
             f"{_NAMES[plan]} {'does not excite' if poor else 'excites'} all components", ours=condition,
-            ruling=judge_at_least(condition, 1e6) if poor else judge_limit(condition, 5e3, 1e5),
+            ruling=ledger.judge_at_least(condition, 1e6) if poor else ledger.judge_limit(condition, 5e3, 1e5),
             rule="true above a condition of 1e6" if poor else "true below a condition of 5e3, in kind below 1e5",
             method=f"condition of full11's Jacobian, radius {radius:g}",
             reason=f"at 2e-5 rad the worst standard error is {max(lengths):.2g} mm",
@@ -60,13 +59,13 @@ def actual_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
     gain = conditions["circle"] / conditions["line"]
     yield printed.claim(
         "circle_beats_line", "Section 4.5", "a circle calibrates where a line does not",
-        ours=gain, ruling=judge_limit(gain, 1e-2), rule="true where it lowers the condition a hundredfold",
+        ours=gain, ruling=ledger.judge_limit(gain, 1e-2), rule="true where it lowers the condition a hundredfold",
         method="condition on the circle over that on the line", reason="right in direction",
     )  # fmt: skip
     enough = conditions["circle"] / conditions["two_circles"]
     yield printed.claim(
         "one_circle_suffices", "Section 4.5", "on a circle all components are excited sufficiently",
-        ours=enough, ruling=judge_limit(enough, 2.0, 10.0),
+        ours=enough, ruling=ledger.judge_limit(enough, 2.0, 10.0),
         rule="true where two circles lower the condition by less than two, in kind ten",
         method="condition on one circle (R80) over that on two (R60 and R120)", reason="one circle is not enough",
     )  # fmt: skip
@@ -75,15 +74,15 @@ def actual_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
 def _evaluations(printed: Printed, evidence: Evidence) -> Row:
     """Return the row of when DE improves no more: in the digits that are printed of J3."""
     runs = evidence.of("cong2008_circle", "full12", "de", {"plan": "circle", "radius": _RADIUS})
-    column, ends = printed.column("section45"), values_of(runs, "best_value")
+    column, ends = printed.column("section45"), ledger.values_of(runs, "best_value")
     visible = printed.digit("section45.j3_calibrated") / 2 / column["j3_calibrated"]
     settled = []
     for run_id, end in zip(runs["run_id"], ends, strict=True):
         trace = evidence.traces[evidence.traces["run_id"] == run_id]
         settled.append(float(trace.loc[trace["best_value"] <= end * (1 + visible), "charged"].min()))
     asked = column["evaluations"]
-    ours, budget = ledger.Ours.of(settled), float(runs["charged"].max()) if len(runs) else np.nan
-    at_last = f"J3 ends at {median(ends):.4g} mm^4, printed {column['j3_calibrated']:.4g}"
+    ours, budget = Ours.of(settled), float(runs["charged"].max()) if len(runs) else np.nan
+    at_last = f"J3 ends at {ledger.median(ends):.4g} mm^4, printed {column['j3_calibrated']:.4g}"
     tolerance = Tolerance(asked / 2, "'about', one digit is said: half of it; in kind a decade", 1.0, decades=True)
     return printed.cell(
         "section45.evaluations", ours, tolerance,
@@ -141,7 +140,7 @@ def _table8(printed: Printed) -> Iterator[Row]:
     outside = max(max(lower[n] - column[n], column[n] - upper[n], 0.0) for n in column)
     yield printed.claim(
         "table8_in_the_box", "Section 4.5 and Table 8", "the result lies in the search ranges of Table 5",
-        ours=outside, ruling=judge_limit(outside, 0.0), rule="true where no value is outside its bounds",
+        ours=outside, ruling=ledger.judge_limit(outside, 0.0), rule="true where no value is outside its bounds",
         method="largest distance to the box", unit="mm or rad", printed=0.0,
     )  # fmt: skip
     problem: Any = ledger.problem("full12", gauge="xa2")
@@ -157,7 +156,7 @@ def _table8(printed: Printed) -> Iterator[Row]:
     before, after = (float(np.sqrt((gap(p) ** 2).mean())) for p in (0.0, phi))
     yield printed.claim(
         "table8_gauge", "Table 8", "Table 8 differs from the nominal machine, not only in the gauge's free choice",
-        ours=after / before, ruling=judge_at_least(after / before, 0.9, 0.5),
+        ours=after / before, ruling=ledger.judge_at_least(after / before, 0.9, 0.5),
         rule="true where nine tenths of the difference are left, in kind half",
         method="rms difference after the best move along the gauge over that before",
         reason=f"phi = {phi:.5f} rad against nominal; {before:.2f} mm before, {after:.2f} mm after (angles x 244 mm): "
@@ -169,10 +168,10 @@ def _table8(printed: Printed) -> Iterator[Row]:
         circle: Any = ledger.problem("full11", error="J2", plan="circle", radius=radius)
         per_unit = float((circle.residual_noise(circle.truth) ** 2).mean()) * (50 - 11)
         noises.append(float(np.sqrt(printed_j3 / per_unit)))
-    noise = median(noises)
+    noise = ledger.median(noises)
     yield printed.claim(
         "table8_noise", "Section 4.5", "3.1841e2 is what the sensors' inaccuracy leaves",
-        ours=noises, ruling=judge_limit(noise, 1e-4),
+        ours=noises, ruling=ledger.judge_limit(noise, 1e-4),
         rule="true where 1e-4 rad, the step of a 16-bit encoder, is enough",
         method="noise of a reading at which 50 readings leave the printed J3", reason="a plausible size", unit="rad",
         about="section45.j3_calibrated",
@@ -184,7 +183,7 @@ def _table8(printed: Printed) -> Iterator[Row]:
     ratios = [abs(column[n] - nominal[n]) / spread[n] for n in column if n in spread]
     yield printed.claim(
         "table8_accuracy", "Section 4.5", "the accuracy of the calibrated parameters is much higher than nominal",
-        ours=ratios, ruling=judge_at_least(median(ratios), 2.0, 1.0),
+        ours=ratios, ruling=ledger.judge_at_least(ledger.median(ratios), 2.0, 1.0),
         rule="true where the corrections are twice their standard errors or more (median), in kind once",
         method="correction over its standard error, 11 parameters, one circle R80, the noise of the row above",
         reason=f"one circle at {noise:.1e} rad knows a length to "
@@ -195,21 +194,21 @@ def _table8(printed: Printed) -> Iterator[Row]:
 def _success(printed: Printed, evidence: Evidence, plan: str) -> Iterator[Row]:
     methods = ("trf", "pygmo_cmaes", "de", "lm")
     runs = {m: evidence.of("cong2008_plans", "full11", m, {"plan": plan, "noise": 2e-5}) for m in methods}
-    worst = values_of(runs["trf"], "parameter_error_mm")
-    poor = plan == "line"
+    worst = ledger.values_of(runs["trf"], "parameter_error_mm")
+    middle, poor = ledger.median(worst), plan == "line"
     yield printed.claim(
         f"plan_{plan}_calibrates", "Section 4.5",
         f"readings on {_NAMES[plan]} give {'no ' if poor else 'a '}rational result", ours=worst,
-        ruling=judge_at_least(median(worst), 2.0) if poor else judge_limit(median(worst), 0.5, 2.0),
+        ruling=ledger.judge_at_least(middle, 2.0) if poor else ledger.judge_limit(middle, 0.5, 2.0),
         rule="true where the worst length is 2 mm off or more" if poor else
         "true where the worst length is within .5 mm, the size of the deviations sought, in kind 2 mm",
         method="worst length by trf on full11 with 2e-5 rad of noise, bounds of Table 5", unit="mm",
     )  # fmt: skip
     inside = {m: r["inside_box"].to_numpy(dtype=bool) for m, r in runs.items()}
-    values = {m: values_of(r, "best_value") for m, r in runs.items()}
+    values = {m: ledger.values_of(r, "best_value") for m, r in runs.items()}
     best = min((float(values[m][inside[m]].min()) for m in runs if inside[m].any()), default=np.nan)
     won = {m: float(((values[m] <= 1.01 * best) & inside[m]).mean()) for m in runs if len(runs[m]) and best == best}
-    ruling = judge_at_least(max(won.values(), default=np.nan), 1.0, 0.2)
+    ruling = ledger.judge_at_least(max(won.values(), default=np.nan), 1.0, 0.2)
     if ruling.verdict != "reproduced":  # more evaluations may find what these did not
         most = max((float(r["budget"].max()) for r in runs.values() if len(r)), default=np.nan)
         ruling = ledger.at_budget(ruling, most, printed.column("section45")["evaluations"])
@@ -294,7 +293,7 @@ def claim_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
     gain = (many / few).tolist()
     yield printed.claim(
         "more_samples_noise", "Section 3.3 A", "more samples are more precise, with noise in the readings",
-        ours=gain, ruling=judge_limit(median(gain), 0.75, 1.0), rule="true below 3/4, in kind below 1",
+        ours=gain, ruling=ledger.judge_limit(ledger.median(gain), 0.75, 1.0), rule="true below 3/4, in kind below 1",
         method="worst standard error at nine samples over three, four random plans",
         reason="without noise only the stopping rule limits the precision, and more samples need not help",
     )  # fmt: skip
@@ -305,7 +304,7 @@ def claim_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
     ratios = scale * j1.batch(near) / j2.batch(near)
     yield printed.claim(
         "j1_is_j2_scaled", "equations (37) and (39)", "near zero J1 x 4 l_b^2 behaves as J2",
-        ours=ratios, ruling=judge_limit(float(np.abs(ratios - 1).max()), 0.02),
+        ours=ratios, ruling=ledger.judge_limit(float(np.abs(ratios - 1).max()), 0.02),
         rule="true where all ratios lie within 2 % of 1",
         method="J1 x 238144 / J2 at 200 points near the truth of link_length",
         reason="so neither is more precise: they have the same minimum and the same shape about it", printed=1.0,
@@ -315,24 +314,26 @@ def claim_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
         column = printed.column(key)
         worst[key] = max(abs(column[n] - true[n]) for n in column if n in true and column.entries[n].unit == "mm")
     eleven = {"error": "J3", "paper_section": 3}
-    exact = values_of(evidence.of("cong2008", "full11", "lm", eleven), "parameter_error_mm")
-    stopped = median(values_of(_matlab_runs(evidence, "full11", eleven), "parameter_error_mm"))
+    exact = ledger.values_of(evidence.of("cong2008", "full11", "lm", eleven), "parameter_error_mm")
+    stopped = ledger.median(ledger.values_of(_matlab_runs(evidence, "full11", eleven), "parameter_error_mm"))
     yield printed.claim(
         "eleven_precise", "Section 3.3 C", "11 parameters are calibrated accurately",
-        ours=exact, ruling=judge_limit(median(exact), 1e-3), rule="true where the worst length is within 1e-3 mm",
+        ours=exact, ruling=ledger.judge_limit(ledger.median(exact), 1e-3),
+        rule="true where the worst length is within 1e-3 mm",
         method="worst length of lm on full11 (section 3), no noise",
         reason=f"fmincon with tolerances of 1e-6 stops {stopped:.2g} mm away", unit="mm", printed=worst["table4.j3_11"],
     )  # fmt: skip
     raw = twelve(evidence)
     others = [evidence.of("cong2008", "full12", name, _TWELVE[1]) for name in ("lm", "trf")]
-    every = np.concatenate([values_of(runs, "parameter_error_mm") for runs in (raw, *others)])
+    every = np.concatenate([ledger.values_of(runs, "parameter_error_mm") for runs in (raw, *others)])
     yield printed.claim(
         "twelve_off", "Section 3.3 C", "12 parameters end several millimetres off",
-        ours=every, ruling=judge_at_least(float(np.max(every)) if len(every) else np.nan, 1.0, 0.1),
+        ours=every, ruling=ledger.judge_at_least(float(np.max(every)) if len(every) else np.nan, 1.0, 0.1),
         rule="true where the worst run is 1 mm off or more, in kind .1 mm; how far is arbitrary, as no reading tells",
         method="worst length on full12 (gauge=ya2) by fmincon over 5 plans, lm and trf",
         reason="a search ends anywhere on the gauge curve; modulo the gauge fmincon is "
-        f"{median(values_of(raw, 'kmrmse_aligned')):.2g} mm off in kmrmse", unit="mm", printed=worst["table4.j3_12"],
+        f"{ledger.median(ledger.values_of(raw, 'kmrmse_aligned')):.2g} mm off in kmrmse", unit="mm",
+        printed=worst["table4.j3_12"],
     )  # fmt: skip
 
 

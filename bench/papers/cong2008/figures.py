@@ -16,8 +16,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from calibench import problems
-from calibench.bench.papers.files import kept
-from calibench.bench.papers.row import Evidence
+from calibench.bench.papers.ledger import Evidence, kept
 from calibench.bench.provenance.run_id import canonical, options_of
 from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing, entitle, look_of, put_legend, save
 from calibench.bench.report.study.additions import AddedFigure, Addition, Mark, PrintedTable, TableSection
@@ -112,8 +111,10 @@ TABLES: Mapping[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
 
 def runs_of(runs: pd.DataFrame, problem: str, options: Mapping[str, Any]) -> pd.DataFrame:
     """Return the runs of `problem` with these options and all others as they are by default: no noise, its own plan."""
-    wanted = json.loads(canonical(options_of(problems.make(problem, **options))))
     mine = runs[runs["problem"] == problem]
+    if mine.empty:  # as in most studies: no problem need be built
+        return mine
+    wanted = json.loads(canonical(options_of(problems.make(problem, **options))))
     have = {text: json.loads(text) for text in mine["problem_options"].unique()}
     fits = [text for text, held in have.items() if all(held.get(key, v) == v for key, v in wanted.items())]
     return mine[mine["problem_options"].isin(fits)]

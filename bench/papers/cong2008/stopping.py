@@ -14,8 +14,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from calibench.bench.papers.published import Printed
-from calibench.bench.papers.row import Array, Evidence, Ours, Row, Ruling, Verdict, problem as make_problem
+from calibench.bench.papers.ledger import Array, Evidence, Ours, Printed, Row, Ruling, Verdict, problem as make_problem
 from calibench.optimizers.fmincon import OptimValues, fmincon
 from calibench.optimizers.fmincon.options import StopPlace, absolute_stop
 

@@ -2,8 +2,7 @@
 
 from collections.abc import Iterator
 
-from calibench.bench.papers.published import Printed
-from calibench.bench.papers.row import Evidence, Row
+from calibench.bench.papers.ledger import Evidence, Printed, Row
 
 KEY = "pashkevich2008"
 STUDIES: tuple[str, ...] = ()
@@ -11,10 +10,10 @@ STUDIES: tuple[str, ...] = ()
 
 def rows(evidence: Evidence) -> Iterator[Row]:
     """Yield every row: a printed number, a claim or an erratum each."""
-    from calibench.bench.papers.pashkevich2008 import claims, errata, figures, machine  # no report needs it
+    from calibench.bench.papers.pashkevich2008 import claims, figures, machine  # no report needs it
 
     for topic in (
         machine.rows, claims.equation_rows, figures.rows, claims.text_rows, claims.identification_rows,
-        claims.improvement_rows, claims.assumption_rows, errata.rows,
+        claims.improvement_rows, claims.assumption_rows, claims.erratum_rows,
     ):  # fmt: skip
         yield from topic(Printed(KEY))

@@ -12,9 +12,8 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from calibench import problems
+from calibench.bench.papers.ledger import Printed, Row, Tolerance
 from calibench.bench.papers.pashkevich2008.machine import HALF, fitted, rms, rms_tolerance, table1, table2
-from calibench.bench.papers.published import Printed
-from calibench.bench.papers.row import Row, Tolerance
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
 from calibench.bench.report.study.additions import AddedFigure, Addition
 from calibench.bench.statistics.names import options_seen

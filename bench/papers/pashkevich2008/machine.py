@@ -13,8 +13,7 @@ from typing import Any, final
 import numpy as np
 
 from calibench import problems
-from calibench.bench.papers.published import Printed
-from calibench.bench.papers.row import Array, Row, Tolerance, problem as make_problem
+from calibench.bench.papers.ledger import Array, Printed, Row, Tolerance, problem as make_problem
 from calibench.problems import constants
 from calibench.problems.orthoglide import kinematics
 from calibench.problems.orthoglide.kinematics import AXES, geometry

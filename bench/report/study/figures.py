@@ -403,24 +403,24 @@ def runtime_ecdf(runs: pd.DataFrame, hits: Hits, title: str = "") -> Drawing:
     with rc_context(STYLE):
         figure = Figure(figsize=(share_width(numbers), 3.7), layout="constrained")
         axes = figure.subplots()
-        draw_shares(axes, numbers, runs.assign(method=method_labels(runs)), "cost")
+        first = runs.iloc[by_cell(runs).first]
+        draw_shares(axes, numbers, first.assign(method=method_labels(first)), "cost")
         put_legend(figure, [axes])
-        count = hits.different()["target"].nunique()
+        count = len({level for block in hits.blocks for level in block.level.tolist()})
         entitle(figure, f"{title}: {counted(count, 'target')} above the best value" if title else "")
     return figure, numbers
 
 
 def ecdf_of(runs: pd.DataFrame, hits: Hits | pd.DataFrame) -> pd.DataFrame:
     """Return `runtime.ecdf` of hits of one quantity, with the name of each row's method (`method_labels`)."""
-    runs = runs.copy(deep=False)
-    for _, mine in runs.groupby(METHOD, sort=False):  # a method whose start each problem decides is one
-        vary = settings_that_vary(mine)
-        for column in SETTING:
-            if column not in vary:
-                runs.loc[mine.index, column] = mine[column].iloc[0]
-    numbers = ecdf(hits, runs)
-    called = runs.iloc[by_cell(runs).first]
-    called = called[[*METHOD, *SETTING]].assign(method=method_labels(called)).drop_duplicates()
+    cells = by_cell(runs)
+    first = runs.iloc[cells.first].reset_index(drop=True)
+    for _, mine in first.groupby(METHOD, sort=False):  # a method whose start each problem decides is one
+        for column in {*SETTING} - {*settings_that_vary(mine)}:
+            first.loc[mine.index, column] = mine[column].iloc[0]
+    settings = first[SETTING].take(cells.number).set_axis(runs.index)
+    numbers = ecdf(hits, runs.assign(**{str(column): settings[column] for column in settings}))
+    called = first[[*METHOD, *SETTING]].assign(method=method_labels(first)).drop_duplicates()
     called = called.rename(columns={"target": "target_value"})
     numbers = numbers.merge(called, on=[*METHOD, "start", "budget", "target_value"], how="left")
     return numbers.assign(share=np.asarray(numbers["share"], dtype=float))

@@ -30,8 +30,8 @@ from calibench.bench.statistics.names import in_order, setting_text
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.statistics.ranking import Ranked
 from calibench.bench.statistics.summary import key_of_costs, priced
+from calibench.bench.store.arrays import HITS_SCHEMA, TRACES_SCHEMA
 from calibench.bench.store.manifest import in_other_shards
-from calibench.bench.store.schema import HITS_SCHEMA, TRACES_SCHEMA
 from calibench.core.registry import about
 from calibench.core.words import plural
 

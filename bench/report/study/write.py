@@ -27,12 +27,12 @@ from calibench.bench.statistics.cells import METHOD, PROBLEM
 from calibench.bench.statistics.fixed_target import Hits
 from calibench.bench.statistics.ranking import with_looks
 from calibench.bench.statistics.targets import levels_of, with_lowest_seen
+from calibench.bench.store.arrays import RUNS_SCHEMA
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.store.schema import RUNS_SCHEMA
 from calibench.bench.store.tables import parquet_file
-from calibench.bench.sweep.studies import study_preset
+from calibench.bench.sweep.composition import study_preset
 from calibench.core.words import print_plain as print, printable
 
 Tell = Callable[[int, int, str], None]
@@ -87,7 +87,7 @@ def write_report(
     tell(1, _STEPS, "when each run reached each target")
     written = [store.write_hits(levels_of(runs))]
     file = parquet_file(written[0], as_codes=("run_id", "quantity"))
-    hits = Hits.joined(file.read_row_group(i, Hits.COLUMNS) for i in range(file.num_row_groups))
+    hits = Hits.of(file.read_row_group(i, Hits.COLUMNS) for i in range(file.num_row_groups))
     tell(2, _STEPS, "the tables")
     drawn = with_looks(runs, summary)
     together = list(ecdf_figures(drawn, hits, groups_of(runs)))[:_GROUPS]

@@ -204,15 +204,15 @@ def _arm_files(work: Mapping[str, Any]) -> CalibrateRequest:
 
 def _arm_fit(work: Mapping[str, Any]) -> dict[str, Any]:
     """Fit base, target and geometry to the poses; the files have been read."""
-    from calibench.bench.calibration.files import read_table
+    from calibench.bench.calibration.request import read_table
     from calibench.calibration.determined import order_of
     from calibench.calibration.fit import fit_arm
     from calibench.calibration.model import model_of
     from calibench.calibration.urdf import parse_urdf
 
     request = _arm_files(work)
-    chain = parse_urdf(request.urdf.read_bytes(), "arm6").chain(request.base, request.tip)
-    table = read_table(request.data, request.stated)
+    chain = parse_urdf(request.path.read_bytes(), "arm6").chain(request.given.base, request.given.tip)
+    table = read_table(request.given.data, request.stated)
     found: list[Any] = []
 
     def calibrated() -> int:

@@ -149,28 +149,25 @@ def _polynomial(family: EffectFamily, formulation: Formulation, target: str) -> 
     def terms(s: Array, degree: int) -> Array:
         return np.stack([s, 2 * s**2 - 1, 4 * s**3 - 3 * s], axis=-1)[:, :degree]
 
-    def form(degree: int) -> LinearEffect:
-        return family.linear(
-            target, (column,), dict.fromkeys(_DEGREES[:degree], unit),
-            # the rise of a line with its sign, the range of a curve over the run
-            measure=lambda c: (
-                2 * float(c[0]) if len(c) == 1 else float(np.ptp(terms(np.linspace(-1, 1, 65), len(c)) @ c))
-            ),
-            changes=lambda q, data: {measured: -terms((np.asarray(data[column], float) - middle) / half, degree)},
-        )  # fmt: skip
+    def measure(c: Array) -> float:
+        """Return the rise of a line with its sign, the range of a curve over the run."""
+        return 2 * float(c[0]) if len(c) == 1 else float(np.ptp(terms(np.linspace(-1, 1, 65), len(c)) @ c))
 
-    return tuple(form(degree) for degree in (1, 2, 3))
+    def changes(degree: int, q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {measured: -terms((np.asarray(data[column], float) - middle) / half, degree)}
+
+    units = [dict.fromkeys(_DEGREES[:degree], unit) for degree in (1, 2, 3)]
+    return tuple(family.linear(target, (column,), each, partial(changes, len(each)), measure=measure) for each in units)
 
 
 def _parts(formulation: Formulation) -> Mapping[str, tuple[int, str, str]]:
     """Return target -> (number of the wave, measured column, the column it follows), the waves in their order."""
     measured = measured_columns(formulation)
+    pairs = [(column, one) for column in roles_of(formulation).columns for one in measured]
     return {
         f"{words}{column}" + f" in {one}" * (len(measured) != 1): (k, one, column)
-        for column in roles_of(formulation).columns
-        for one in measured
-        for k, words in enumerate(ORDINALS)
-    }
+        for column, one in pairs for k, words in enumerate(ORDINALS)
+    }  # fmt: skip
 
 
 def measured_columns(formulation: Formulation) -> tuple[str, ...]:
@@ -206,13 +203,11 @@ _LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9)  # of the readings that lie within the level
 def _targets(words: tuple[str, ...], formulation: Formulation) -> Mapping[str, tuple[str, str, str]]:
     """Return target -> (words behind the column, measured column, the column it follows)."""
     measured, roles = measured_columns(formulation), roles_of(formulation)
+    pairs = [(column, one) for column in roles.columns if column != roles.time for one in measured]
     return {
         f"{column}{word}" + f" in {one}" * (len(measured) > 1): (word, one, column)
-        for column in roles.columns
-        if column != roles.time
-        for one in measured
-        for word in words
-    }
+        for column, one in pairs for word in words
+    }  # fmt: skip
 
 
 def _shaped(
@@ -328,17 +323,18 @@ def _drift(family: EffectFamily, formulation: Formulation, target: str) -> Built
     origin, span = float(formulation.data[clock].min()), float(np.ptp(formulation.data[clock]))
     unit, one = told_in(joint)
 
-    def form(names: tuple[str, ...]) -> LinearEffect:
-        return family.linear(
-            target, (clock,), dict.fromkeys(names, unit), largest=largest_error(joint) / one,
-            # the range over the run, with the sign of its end where it is even
-            measure=lambda c: (
-                float(c[0]) if len(c) == 1 else float(np.ptp(run_terms(np.linspace(0, 1, 65))[:, : len(c)] @ c))
-            ),
-            changes=lambda q, data: {joint.reading: one * run_terms((data[clock] - origin) / span)[:, : len(names)]},
-        )  # fmt: skip
+    def measure(c: Array) -> float:
+        """Return the range over the run, with the sign of its end where it is even."""
+        return float(c[0]) if len(c) == 1 else float(np.ptp(run_terms(np.linspace(0, 1, 65))[:, : len(c)] @ c))
 
-    return tuple(form(_TERMS[:k]) for k in (1, 2, 3))
+    def changes(count: int, q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {joint.reading: one * run_terms((data[clock] - origin) / span)[:, :count]}
+
+    units, largest = [dict.fromkeys(_TERMS[:k], unit) for k in (1, 2, 3)], largest_error(joint) / one
+    return tuple(
+        family.linear(target, (clock,), each, partial(changes, len(each)), measure=measure, largest=largest)
+        for each in units
+    )
 
 
 def _frame_drift(family: EffectFamily, formulation: Formulation, target: str) -> Built:

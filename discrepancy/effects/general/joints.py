@@ -12,7 +12,7 @@ from calibench.core.tables.cells import between
 from calibench.discrepancy.effects.general.lengths import reference_of, time_constants, warmth
 from calibench.discrepancy.effects.general.recipe import Built, declared, each, named, recipe
 from calibench.discrepancy.labels import quantity_of
-from calibench.discrepancy.model.effect import EffectFamily, NotTestable, needs
+from calibench.discrepancy.model.effect import Effect, EffectFamily, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import Joint, roles_of
@@ -128,16 +128,12 @@ def _zero(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     def changes(late: float, q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {joint.reading: one * (warmth(data, late, column, roles.time, run) - zero_at)[:, None]}
 
-    return tuple(
-        family.linear(
-            target, (column,), {"a": f"{name}/K"}, partial(changes, late),
-            largest=min(
-                largest_slope(joint, warmth(run, late, column, roles.time, run) - zero_at, one),
-                largest_warm_zero(joint) / one,
-            ),
-        )
-        for late in time_constants(run, roles.time)
-    )  # fmt: skip
+    def form(late: float) -> Effect:
+        steepest = largest_slope(joint, warmth(run, late, column, roles.time, run) - zero_at, one)
+        most = min(steepest, largest_warm_zero(joint) / one)
+        return family.linear(target, (column,), {"a": f"{name}/K"}, partial(changes, late), largest=most)
+
+    return tuple(form(late) for late in time_constants(run, roles.time))
 
 
 scale = recipe(

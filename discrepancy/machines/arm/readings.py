@@ -13,15 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.calibration import columns as names
+from calibench.calibration import columns as arm_columns
 from calibench.calibration.arm import Arm
 from calibench.calibration.columns import PAYLOAD, SITE, SOCKET, TARGET, WARMTH, match_columns
 from calibench.calibration.kinematics import Chain
-from calibench.calibration.loads import GRAVITY, moments, torques_about_axes
 from calibench.calibration.readings import Table, by_target, columns_of, read_readings, readable
 from calibench.calibration.rigid import Array, rpy_of
 from calibench.calibration.start import ANGLES, UNITS, HowRead, Start, meanings, rotations_of, start_of
-from calibench.calibration.walk import READING, TURNS, walk
+from calibench.calibration.walk import GRAVITY, READING, TURNS, moments, torques_about_axes, walk
 from calibench.core.notes import Code, Note, once
 from calibench.core.options import suggest
 from calibench.discrepancy.checks.validate import entered
@@ -30,7 +29,7 @@ from calibench.discrepancy.model.measured import TO_PREDICT, DataError, Measured
 ROW = "row"
 MIDDLE = "temperature_middle"  # in the metadata: what `WARMTH` counts from
 _KEPT = ("pose_id", "visit_id", "split", SOCKET, SITE, PAYLOAD)  # as the file has them
-_OF_A_JOINT = tuple(f"{quantity}_" for quantity in names.OF_A_JOINT)
+_OF_A_JOINT = tuple(f"{quantity}_" for quantity in arm_columns.OF_A_JOINT)
 TARGET_NUMBER = "target_number"  # of each row, 0 the one that is read most
 _OURS = ("reading_place", TARGET_NUMBER)  # columns that no file has
 _MOVED = 1e-6  # rad or mm: a smaller change is no move
@@ -118,12 +117,13 @@ def completed(data: MeasuredData, chain: Chain, start: Start) -> MeasuredData:
     except ValueError as error:
         raise DataError(f"{data.name}: {error}") from None
     parts = (matched.joints, matched.position, matched.rotation)
-    turned, _, _ = names.by_their_names(data.columns, [name for part in parts for name in part.values()], data.units)
+    read = [column for part in parts for column in part.values()]
+    turned, _, _ = arm_columns.by_their_names(data.columns, read, data.units)
     units: dict[str, str] = {}  # those that nothing states and the arm told
     for note in (note for note in start.readings.notes if note.code is Code.UNIT_FOUND):
         units |= {column: note.values["unit"] for column in note.columns if column not in {**data.units, **turned}}
     numbers: dict[str, Array] = {}
-    for column in (column for part in parts for column in part.values()):
+    for column in read:
         scale = UNITS.get(units.get(column, "mm"), 1.0)
         numbers[column] = np.asarray(turned.get(column, data[column]), dtype=float) * scale
     columns: dict[str, Any] = {READING + name: numbers[column] for name, column in matched.joints.items()}

@@ -87,9 +87,8 @@ class _Ball:
 
     def seen(self, q: Quantities) -> Numbers:
         """Return this place, (n, 3) [mm]."""
-        return np.asarray(
-            walk(self.chain, _BASE, q).target - self.sockets.moved(q)[np.rint(np.real(q[INDEX])).astype(int)]
-        )
+        rows = np.rint(np.real(q[INDEX])).astype(int)
+        return np.asarray(walk(self.chain, _BASE, q).target - self.sockets.moved(q)[rows])
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
         """Return its derivative in each quantity, name -> (n, 3)."""
@@ -184,14 +183,10 @@ def with_held(data: MeasuredData, vague: Sequence[str]) -> MeasuredData:
     many = len(vague) > 1
     kept, them = ("numbers keep their nominal values", "them") if many else ("a number keeps its nominal value", "it")
     best = f"{WORST:g} mm or {WORST:g} mrad"
-    words = [
-        f"zero of {joint}"
-        if kind == "zero"
-        else f"{'turn about' if kind[0] == 'r' else 'shift along'} {kind[-1]} of {joint}"
-        for kind, _, joint in (name.partition("_") for name in vague)
-    ]
-    text = (
-        f"{kept}, as the poses tell {them} no better than to {best}: {', '.join(words)}; other poses would (bench "
-        "design)"
-    )
+    words = []
+    for kind, _, joint in (name.partition("_") for name in vague):
+        way = "turn about" if kind[0] == "r" else "shift along"
+        words.append(f"zero of {joint}" if kind == "zero" else f"{way} {kind[-1]} of {joint}")
+    known = f"{kept}, as the poses tell {them} no better than to {best}"
+    text = f"{known}: {', '.join(words)}; other poses would (bench design)"
     return data.with_note(Code.UNDETERMINED, text, parameters=list(vague))

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from calibench.core.options import shown
 from calibench.discrepancy.checks.validate import entered
 from calibench.discrepancy.model import measured
-from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities, as_they_are
+from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities, as_is
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor
 from calibench.discrepancy.model.roles import Joint, Roles
 from calibench.discrepancy.registries import machines
@@ -157,7 +157,7 @@ class Measured:
         slopes = np.imag(self.constraints(stepped)) / _STEP
         return dict(zip(q, slopes, strict=True))
 
-    decorrelate = as_they_are
+    decorrelate = as_is
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
         """Return where the bed was probed, NaN in rows of distances; nothing where few places were."""
@@ -224,10 +224,8 @@ def accepted(data: MeasuredData) -> MeasuredData:
         for word in sorted(set(kind.tolist()) - set(_KINDS)):
             raise DataError(f"{data.name}: column kind holds {word!r}; height or distance is needed")
     elif not any(name in data for name in _KINDS):
-        raise DataError(
-            f"{data.name}: column height is missing; a row needs height or distance, "
-            "and the ways of the carriages, travel_a, travel_b and travel_c"
-        )
+        needs = "height or distance, and the ways of the carriages, travel_a, travel_b and travel_c"
+        raise DataError(f"{data.name}: column height is missing; a row needs {needs}")
     else:
         known = np.isfinite(data["distance"]) if "distance" in data else np.zeros(len(data), dtype=bool)
         kind = np.where(known, "distance", "height")

@@ -23,7 +23,7 @@ from calibench.core.options import shown, suggest
 from calibench.core.words import plain
 from calibench.discrepancy.checks.validate import NOT_HELD_OUT, entered
 from calibench.discrepancy.model import measured
-from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities, as_they_are
+from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities, as_is
 from calibench.discrepancy.model.measured import DataError, MeasuredData, MisfitError, Sensor
 from calibench.discrepancy.model.roles import Instrument, Joint, Length, Roles
 from calibench.discrepancy.registries import machines
@@ -182,7 +182,7 @@ class LegClosure:
             slopes["y"] = 2 * np.stack([py - y for y in by], axis=-1) / _SCALE
         return slopes
 
-    decorrelate = as_they_are
+    decorrelate = as_is
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
         """Return target -> covariate -> (n,): a leg's own angle, the others' angles, its further columns, the place."""

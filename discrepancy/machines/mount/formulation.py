@@ -196,9 +196,8 @@ def accepted(data: MeasuredData) -> tuple[MeasuredData, Kind, float]:
     star = geometry.direction(read[names[2]], read[names[3]])
     low = np.flatnonzero(star @ geometry.zenith(kind, latitude) < np.sin(_LOWEST))
     if len(low):
-        raise DataError(
-            f"{data.name}: row {low[0] + 1}: the star is below the horizon; are latitude, units and hour angles right?"
-        )
+        why = "the star is below the horizon; are latitude, units and hour angles right?"
+        raise DataError(f"{data.name}: row {low[0] + 1}: {why}")
     frame = geometry.angles(geometry.direction(roll, pitch))
     apart = 2 * np.arcsin(np.clip(np.linalg.norm(star - geometry.direction(*frame), axis=1) / 2, 0, 1))
     if np.median(apart) > _FARTHEST:

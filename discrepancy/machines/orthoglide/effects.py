@@ -128,8 +128,7 @@ tilt: EffectFamily = EffectFamily(
             unit="rad", largest=thresholds().largest_angle,
         ),
         formulation, _LEANING,
-    ),
-    twins="nearly unseen where deviations are small: it scales them",
+    ), twins="nearly unseen where deviations are small: it scales them",
 ).enter()  # fmt: skip
 place: EffectFamily = EffectFamily(
     "gauge_placement", "orthoglide", "A gauge stands elsewhere on its leg than stated",
@@ -138,8 +137,7 @@ place: EffectFamily = EffectFamily(
     build=lambda formulation, target: _felt(
         place.linear(target, (), {"g": "mm"}, lambda q, data: {"gauge_shift": _at(data, target)[:, None]}),
         formulation, _ELSEWHERE,
-    ),
-    twins="nearly unseen in moves along the leg: a parallel leg looks the same anywhere",
+    ), twins="nearly unseen in moves along the leg: a parallel leg looks the same anywhere",
 ).enter()  # fmt: skip
 
 

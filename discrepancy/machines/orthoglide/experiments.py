@@ -264,19 +264,16 @@ def price(
     own = [e for e in catalogue if e.family == added]
     first = [*(e for e in catalogue if e.family != added), *taken_out]
     others = len({e.family for e in catalogue} - {added})
-    lists = [
-        small.small_sample(about, chosen, draws=draws) for chosen in (first, catalogue, [*catalogue, *taken_out], own)
-    ]
-    listed, now, ever, alone = lists
+    lists = (first, catalogue, [*catalogue, *taken_out], own)
+    listed, now, ever, alone = (small.small_sample(about, chosen, draws=draws) for chosen in lists)
     late = alone.candidates[0]
     kept = {c.name for c in now.candidates}
     early = next(c for c in listed.candidates if c.name in kept)
     chosen = 1 - (1 - ever[late.name].p_tried) * (1 - alone[late.name].p_tried) ** others
     tried = {"tried": ever.tried, "others": others}
+    found = listed[early.name]
     return (
         Price(late.name, late.p, None, now[late.name].p_tried, ever=ever[late.name].p_tried, chosen=chosen, **tried),
-        Price(
-            early.name, listed[early.name].p, listed[early.name].p_tried, now[early.name].p_tried,
-            ever=ever[early.name].p_tried, chosen=None, **tried,
-        ),
+        Price(early.name, found.p, found.p_tried, now[early.name].p_tried, ever=ever[early.name].p_tried, chosen=None,
+              **tried),
     )  # fmt: skip

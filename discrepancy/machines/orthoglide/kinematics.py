@@ -260,10 +260,8 @@ def accepted(data: MeasuredData) -> MeasuredData:
         raise DataError(f"{data.name}: these are data of machine {data.machine!r}, not of an orthoglide")
     missing = [name for name in ("leg", "direction", "posture", "deviation") if name not in data]
     if missing:
-        raise DataError(
-            f"{data.name}: no column {', '.join(missing)}; there are {', '.join(data.in_file)}: "
-            f"{as_columns({missing[0]: 'NAME'})} tells another name"
-        )
+        there = f"there are {', '.join(data.in_file)}: {as_columns({missing[0]: 'NAME'})} tells another name"
+        raise DataError(f"{data.name}: no column {', '.join(missing)}; {there}")
     data = entered(data)
     keep = np.isfinite(_numbers(data, "deviation"))
     if not keep.any():

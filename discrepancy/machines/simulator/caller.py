@@ -102,9 +102,8 @@ def of_command(command: str, names: Names) -> Simulator:
         try:
             done = subprocess.run(given, input=text, capture_output=True, text=True, check=False)
         except OSError as error:
-            raise DataError(
-                f"machine.command={command}: {given[0]}: {error.strerror}; give its path from here"
-            ) from None
+            lost = f"{given[0]}: {error.strerror}; give its path from here"
+            raise DataError(f"machine.command={command}: {lost}") from None
         lines = done.stdout.strip().splitlines()
         cells = (lines[-1] if lines else "").replace(",", " ").split()
         try:
@@ -212,7 +211,10 @@ class Caller:
             keys = []
             for at in range(0, len(inputs), step):
                 part = (inputs[at : at + step], parameters[at : at + step] if parameters.ndim == 2 else parameters)
-                keys.append(_key(*part))
+                digest = blake2b(digest_size=16)
+                for one in (np.ascontiguousarray(one, dtype=float) for one in part):
+                    digest.update(f"{one.shape}".encode() + one.tobytes())
+                keys.append(digest.hexdigest())
                 jobs.setdefault(keys[-1], part)
             asked.append(keys)
         new = [key for key in jobs if key not in self._known]
@@ -304,14 +306,6 @@ class Caller:
         except OSError:  # a full or read-only disk: the next process calls it again
             return False
         return True
-
-
-def _key(inputs: Array, parameters: Array) -> str:
-    digest = blake2b(digest_size=16)
-    for part in (inputs, parameters):
-        part = np.ascontiguousarray(part, dtype=float)
-        digest.update(f"{part.shape}".encode() + part.tobytes())
-    return digest.hexdigest()
 
 
 def duration(seconds: float) -> str:

@@ -126,10 +126,8 @@ class SimulatorMachine:
         if clock in local.slopes:  # time itself is an input: its slopes are the rates of the outputs
             data = _with_computed(data, {f"{RATE}{y}": local.slopes[clock][:, k] for k, y in enumerate(measured)})
         if not local.independent:
-            text = (
-                "rows depend on each other: the table is simulated as a whole, and errors of inputs are not looked for"
-            )
-            data = data.with_note(Code.SIMULATOR_ROWS, text, inputs)
+            text = "the table is simulated as a whole, and errors of inputs are not looked for"
+            data = data.with_note(Code.SIMULATOR_ROWS, f"rows depend on each other: {text}", inputs)
         numbers_of_rows = {int(n): k for k, n in enumerate(data.row_numbers)}
         of_rows = _OnRows(local, {u.tobytes(): k for k, u in enumerate(table)}, numbers_of_rows)
         predict, slopes = of_rows(data)
@@ -172,9 +170,9 @@ class SimulatorMachine:
                 where = f", or {upper} = ... in the file" if self.call else ""
                 raise DataError(f"machine.{word}= is missing{where}: a simulator has {word}")
         numbers = {str(p): _limits(str(p), value) for p, value in dict(parameters).items()}
-        measured: dict[str, float | str | None] = (
-            dict(outputs) if isinstance(outputs, Mapping) else dict.fromkeys(map(str, outputs))
-        )
+        measured: dict[str, float | str | None] = dict.fromkeys(map(str, outputs))
+        if isinstance(outputs, Mapping):
+            measured = dict(outputs)
         if isinstance(self.sigma, Mapping):
             for name in self.sigma:
                 if name not in measured:
@@ -208,11 +206,8 @@ class SimulatorMachine:
                 torque=beside(u, "_torque"), temperature=beside(u, "_temp"),
             ))  # fmt: skip
         used = {c for j in joints for c in (j.reading, j.direction, j.velocity, j.torque, j.temperature)}
-        others = tuple(
-            c
-            for c in (self.covariates or numbers_of(data))
-            if c not in (*names.inputs, *names.outputs, clock) and c not in data.computed and c not in used
-        )
+        used |= {*names.inputs, *names.outputs, clock, *data.computed}
+        others = [c for c in (self.covariates or numbers_of(data)) if c not in used]
         for c in self.covariates:
             if c not in data:
                 raise DataError(f"machine.covariates={c}: no column; {suggest(c, numbers_of(data))}")

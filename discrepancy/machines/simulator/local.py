@@ -350,10 +350,9 @@ class LocalModel:
         here = self.inputs[rows]
         for _ in range(_ROUNDS):
             places = (3, 1, -1, -3)
-            if not v.is_input and not (
-                self.parameters[v.at] - 3 * h >= v.lower and self.parameters[v.at] + 3 * h <= v.upper
-            ):
-                sign = 1 if self.parameters[v.at] - 3 * h < v.lower else -1
+            at = self.parameters[v.at] if not v.is_input else 0.0  # an input has no limits
+            if not (at - 3 * h >= v.lower and at + 3 * h <= v.upper):
+                sign = 1 if at - 3 * h < v.lower else -1
                 places = (3 * sign, 2 * sign, sign, 0)
             a, b, c, d = self.caller.ask([_varied(v, here, self.parameters, k * h) for k in places])
             third = np.sqrt(np.mean((a - 3 * b + 3 * c - d) ** 2, axis=0))

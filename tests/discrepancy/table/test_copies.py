@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibench import discrepancy
-from calibench.bench.discovery.request import read_discover
+from calibench.bench.discovery.batch import read_discover
 from calibench.bench.measured import read_measured
 from calibench.discrepancy import MeasuredData
 from calibench.discrepancy.machines.table import Table

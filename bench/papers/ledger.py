@@ -1,22 +1,34 @@
-"""A row of the ledger, the functions of numbers that give it its verdict, and the runs that are its evidence.
+"""The ledger: rows, the functions of numbers that give them their verdicts, the printed numbers, and the file.
 
-A verdict is never written by hand: a row is made from what is printed, what to read, what a rerun or recomputation
-gave, and a tolerance with its reason; the functions here say what follows.
+A verdict is never written by hand: a row is made from what is printed (`Printed`, by the key of its quantity in the
+data file), what to read, what a rerun or recomputation gave, and a tolerance with its reason; `judge` says what
+follows. `Evidence` holds the runs. The file is Parquet with an explicit schema, and CSV with the same columns.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from decimal import Decimal
+from functools import cache
+from importlib.resources import files
 from math import inf, isfinite, log10, nan
+from pathlib import Path
 from typing import Any, Literal, final, get_args
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from calibench import problems
+from calibench.bench.provenance.environment import provenance
+from calibench.bench.store.atomic_file import write_whole
+from calibench.problems.constants import Column, Constant, column
 
 Array = NDArray[np.float64]
 Verdict = Literal[
@@ -237,8 +249,8 @@ class Evidence:
         """Return the runs with these options, by repetition; an option that is not named may be anything."""
         runs = self.runs
         mine = runs[(runs["study"] == study) & (runs["problem"] == problem) & (runs["optimizer"] == optimizer)]
-        for column, wanted in (("problem_options", problem_options), ("optimizer_options", optimizer_options or {})):
-            have = [json.loads(text) for text in mine[column]]
+        for name, wanted in (("problem_options", problem_options), ("optimizer_options", optimizer_options or {})):
+            have = [json.loads(text) for text in mine[name]]
             mine = mine[np.array([all(h.get(k) == v for k, v in wanted.items()) for h in have], dtype=bool)]
         return mine.sort_values(["problem_options", "repetition"], kind="stable")
 
@@ -250,15 +262,178 @@ def problem(name: str, **options: Any) -> Any:
 
 def solved_for(misfit: Callable[[float], Array], start: float, scale: float = 1.0) -> tuple[float, Array]:
     """Return the number that makes misfit(number), shape (m,), least in squares, and the slopes there, shape (m,)."""
-
-    def of_vector(x: Array) -> Any:
-        return misfit(float(x[0]))
-
     from scipy.optimize import least_squares
 
-    fit: Any = least_squares(of_vector, [start], method="lm", x_scale=scale, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    solve: Any = least_squares
+    tight = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
+    fit = solve(lambda x: misfit(float(x[0])), [start], method="lm", x_scale=scale, **tight)
     return float(fit.x[0]), np.asarray(fit.jac[:, 0])
 
 
 def values_of(runs: pd.DataFrame, column: str) -> Array:
     return runs[column].to_numpy(dtype=float)
+
+
+Numbers = Ours | Iterable[float] | float
+
+
+def quantities(paper: str) -> dict[str, Constant]:
+    """Return every printed number of `paper` by its key, such as ``table3.j1.la3``, in printed order."""
+    numbers: dict[str, Constant] = {}
+
+    def walk(node: Any, path: str) -> None:
+        if not isinstance(node, dict):
+            return
+        if "place" in node:
+            for name, constant in column(paper, path).entries.items():
+                numbers[f"{path}.{name}"] = constant
+        for name, below in node.items():
+            if isinstance(below, dict) and "value" not in below:
+                walk(below, f"{path}.{name}".lstrip("."))
+
+    walk(_exact(paper), "")
+    return numbers
+
+
+@final
+class Printed:
+    """The cells of one paper: makes their rows, with a verdict from `judge` unless another is given."""
+
+    def __init__(self, paper: str) -> None:
+        self.paper = paper
+
+    def column(self, key: str) -> Column:
+        return column(self.paper, key)
+
+    def digit(self, key: str) -> float:
+        """Return what one unit of the last printed digit of the cell `key` is worth."""
+        node = _exact(self.paper)
+        for part in key.split("."):
+            node = node[part]
+        literal = node.get("printed", node["value"])
+        return float(Decimal(1).scaleb(int(literal.as_tuple().exponent))) if isinstance(literal, Decimal) else 1.0
+
+    def cell(
+        self, key: str, ours: Numbers, tolerance: Tolerance, method: str, *, reason: str = "",
+        ruling: Ruling | None = None, of_print: bool = False,
+    ) -> Row:  # fmt: skip
+        """Return the row of the cell `key`; with `of_print` ours is made of other numbers that the paper found."""
+        name, _, quantity = key.rpartition(".")
+        entry, ours = column(self.paper, name).entries[quantity], Ours.of(ours)
+        inferred = "" if entry.certain else " (inferred, not seen in another print)"
+        ruling = ruling or judge_near(entry.printed, entry.value, ours.median, tolerance)
+        kind: Any = "consistency" if of_print else entry.kind
+        about, differs = key, ""  # of a number that is printed again: where it stands first, why verdicts may differ
+        for group in _exact(self.paper).get("one_print", ()):
+            if key in group["keys"]:
+                about, differs = group["keys"][0], group.get("differs", "")
+        return Row(
+            paper=self.paper, key=key, kind=kind, about=about, place=entry.place,
+            quantity=quantity, unit=entry.unit, printed=float(entry.printed), read=float(entry.value),
+            reason=_one_line(reason, entry.why.strip() + inferred, entry.doubt), differs=differs, method=method,
+            **_judged(ours, tolerance, ruling),
+        )  # fmt: skip
+
+    def unknown(self, key: str, reason: str = "", method: str = "none: data not published") -> Row:
+        """Return the row of a cell about which nothing can be computed."""
+        return self.cell(key, NOTHING, NO_TOLERANCE, method, reason=reason)
+
+    def claim(
+        self, key: str, place: str, sentence: str, *, ours: Numbers, ruling: Ruling, rule: str, method: str,
+        reason: str = "", unit: str = "1", printed: float = nan, about: str = "", differs: str = "",
+        read: float | None = None,
+    ) -> Row:  # fmt: skip
+        """Return the row of a sentence: `ours` measures it, `rule` says when it is true; `about` names the printed
+        numbers that it repeats, `differs` why its verdict may be another than theirs, `read` what is to be read."""
+        ours = Ours.of(ours)
+        ruling = ruling if ours.n else replace(ruling, verdict="not checkable")
+        return Row(
+            paper=self.paper, key=f"claim.{key}", kind="claim", about=about, place=place, quantity=sentence, unit=unit,
+            printed=float(printed), read=float(printed if read is None else read), reason=_one_line(reason),
+            differs=differs, method=method, **_judged(ours, Tolerance(ruling.limit, rule), ruling),
+        )  # fmt: skip
+
+    def erratum(
+        self, place: str, quantity: str, *, unit: str, printed: float, read: float, ours: Numbers, tolerance: Tolerance,
+        method: str, ruling: Ruling | None = None, differs: str = "",
+    ) -> Row:  # fmt: skip
+        """Return the row of the erratum at `place` in the data file: of a `quantity`, what the computation shows."""
+        errata = _exact(self.paper)["erratum"]
+        number = [entry["place"] for entry in errata].index(place)
+        entry, ours = errata[number], Ours.of(ours)
+        inferred = "" if entry["certain"] else " (inferred)"
+        ruling = ruling or judge_near(printed, read, ours.median, tolerance)
+        return Row(
+            paper=self.paper, key=f"erratum.{number + 1}", kind="erratum", about=" ".join(entry.get("about", ())),
+            place=place, quantity=quantity, unit=unit, printed=float(printed), read=float(read),
+            reason=_one_line(f"printed: {entry['printed']}; read: {entry['read']}; {entry['why']}{inferred}"),
+            differs=differs, method=method, **_judged(ours, tolerance, ruling),
+        )  # fmt: skip
+
+    def in_order(self, errata: Iterable[Row]) -> Iterator[Row]:
+        """Yield the rows of all errata in the data file's order. Raises `KeyError` for one without a row."""
+        by_place = {row.place: row for row in errata}
+        for entry in _exact(self.paper)["erratum"]:
+            yield by_place[entry["place"]]
+
+
+def _judged(ours: Ours, tolerance: Tolerance, ruling: Ruling) -> dict[str, Any]:
+    """Return the columns that follow from these: limits are the ruling's numbers and the tolerance's words."""
+    return {
+        "ours_median": ours.median, "ours_q1": ours.q1, "ours_q3": ours.q3, "n": ours.n, "verdict": ruling.verdict,
+        "judged": float(ruling.judged), "rule": ruling.rule, "tolerance": float(ruling.limit),
+        "tolerance_in_kind": float(ruling.in_kind), "tolerance_in_decades": ruling.decades,
+        "tolerance_origin": float(tolerance.origin), "share": float(ruling.share), "why_tolerance": tolerance.why,
+    }  # fmt: skip
+
+
+def _one_line(*texts: str) -> str:
+    return " ".join("; ".join(text for text in texts if text).split())
+
+
+@cache
+def _exact(paper: str) -> dict[str, Any]:
+    """Return the data file with its decimals as they are written: digits are part of what is printed."""
+    text = files("calibench.problems").joinpath(f"data/{paper}.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text, parse_float=Decimal)
+
+
+SCHEMA_VERSION = 3
+_TYPES = {"int": pa.int64(), "float": pa.float64(), "bool": pa.bool_()}
+LEDGER_SCHEMA = pa.schema(
+    [*((field.name, _TYPES.get(str(field.type), pa.string())) for field in fields(Row)), ("schema_version", pa.int64())]
+)
+
+
+def to_table(rows: Sequence[Row]) -> pa.Table:
+    """Return the rows as an Arrow table; a number that there is not (NaN) is null."""
+    lines = [asdict(row) | {"schema_version": SCHEMA_VERSION} for row in rows]
+    return pa.Table.from_pylist([{k: None if v != v else v for k, v in line.items()} for line in lines], LEDGER_SCHEMA)
+
+
+def write_ledger(rows: Sequence[Row], folder: Path) -> list[Path]:
+    """Write ``ledger.parquet``, with versions and commit in its metadata, and ``ledger.csv``; return their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    metadata = {"calibench": json.dumps(provenance() | {"schema_version": SCHEMA_VERSION})}
+    table = to_table(rows)
+    known = table.replace_schema_metadata(metadata)
+    return [
+        write_whole(folder / "ledger.parquet", lambda file: pq.write_table(known, file, compression="zstd")),
+        write_whole(folder / "ledger.csv", lambda file: pyarrow.csv.write_csv(table, file)),
+    ]
+
+
+def read_rows(path: Path) -> list[Row]:
+    """Return the rows of a ledger written by `write_ledger`; a number that there is not is NaN."""
+    names = [field.name for field in fields(Row)]
+    numbers = {name for name in names if pa.types.is_floating(LEDGER_SCHEMA.field(name).type)}
+    lines: list[dict[str, Any]] = pq.read_table(path, columns=names).to_pylist()
+    for line in lines:
+        line.update({name: nan for name in numbers if line[name] is None})
+    return [Row(**line) for line in lines]
+
+
+def kept(name: str) -> Path | None:
+    """Return a file or folder of the reference, the kept run at the papers' own budget; None outside the repository."""
+    path = Path(__file__).resolve().parents[2] / "results" / "reference" / name
+    return path if path.exists() else None
