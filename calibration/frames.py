@@ -6,11 +6,12 @@ B is the unit of the readings. A ball in sockets has R_i t + f_i = s_k. Wild rea
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import final
 
 import numpy as np
 
-from calibench.calibration.rigid import Array, Numbers
+from calibench.calibration.rigid import Array, Index, Numbers
 from calibench.core.words import plain
 
 LEAST = 5  # poses: 15 equations for 15 numbers
@@ -128,10 +129,9 @@ _SHOWN = 3000  # poses
 
 def _least_median(rows: Array, wanted: Array, first: Numbers) -> tuple[Numbers, Numbers]:
     """Return the numbers that leave the least median, refined on the poses near to it, and which these are."""
-    rng = np.random.default_rng(np.random.SeedSequence([len(rows), 15]))
     some = np.linspace(0, len(rows) - 1, min(len(rows), _SHOWN)).astype(np.int64)  # of many, as many show the median
     shown, there = rows[some], wanted[some]
-    picks = np.argsort(rng.random((_HANDFULS, len(some))), axis=1)[:, :_HANDFUL]
+    picks = _picks(len(rows), len(some))
     best, least = first, np.inf
     tried = _solved(shown[picks].reshape(_HANDFULS, -1, 15), there[picks].reshape(_HANDFULS, -1, 1))[:, :, 0]
     for part in np.array_split(tried, 1 + len(some) // 200):  # they fill no memory
@@ -147,6 +147,13 @@ def _least_median(rows: Array, wanted: Array, first: Numbers) -> tuple[Numbers, 
         before = near
         best = np.linalg.lstsq(rows[near].reshape(-1, 15), wanted[near].ravel(), rcond=1e-9)[0]
     return best, near
+
+
+@lru_cache(16)
+def _picks(n: int, shown: int) -> Index:
+    """Return handfuls of the poses that are shown of n, the same ones each time."""
+    rng = np.random.default_rng(np.random.SeedSequence([n, 15]))
+    return np.asarray(np.argsort(rng.random((_HANDFULS, shown)), axis=1)[:, :_HANDFUL])
 
 
 def _solved(rows: Array, wanted: Array) -> Array:

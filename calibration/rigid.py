@@ -69,7 +69,8 @@ def inverse(pose: Numbers) -> Numbers:
 
 def cross(a: Numbers, b: Numbers) -> Numbers:
     """Return a x b along the last axis, of (..., 3); NumPy's own takes several times as long for few rows."""
-    (ax, ay, az), (bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 

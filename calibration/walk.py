@@ -170,12 +170,7 @@ def _about(turn: Numbers, axis: Array, angle: Any) -> Numbers:
     angle = np.asarray(angle)
     if angle.ndim == 0 and angle == 0:
         return turn
-    x, y, z = axis
-    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    along = np.outer(axis, axis)
-    if angle.ndim == 0:
-        return _by(turn, along + np.cos(angle) * (np.eye(3) - along) + np.sin(angle) * across)
-    if 1.0 in axis.tolist():  # a coordinate axis: only two columns change
+    if angle.ndim and 1.0 in axis.tolist():  # a coordinate axis: only two columns change
         k = axis.tolist().index(1.0)
         c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
         first, second = turn[..., (k + 1) % 3], turn[..., (k + 2) % 3]
@@ -184,6 +179,11 @@ def _about(turn: Numbers, axis: Array, angle: Any) -> Numbers:
         turned[..., (k + 1) % 3] = c * first + s * second
         turned[..., (k + 2) % 3] = c * second - s * first
         return turned
+    x, y, z = axis
+    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    along = np.outer(axis, axis)
+    if angle.ndim == 0:
+        return _by(turn, along + np.cos(angle) * (np.eye(3) - along) + np.sin(angle) * across)
     c, s = np.cos(angle)[..., None, None], np.sin(angle)[..., None, None]
     kept = _by(turn, along)
     return np.asarray(kept + c * (turn - kept) + s * _by(turn, across))

@@ -16,7 +16,7 @@ from matplotlib.ticker import NullFormatter
 
 from calibench.bench.calibration.words import headline, level_rows, rows_of_changes, rows_of_frame, sentences
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, save
+from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, axes_in, figure_of, save
 from calibench.bench.report.shared.page import Head, Table, inline_svg, render
 from calibench.bench.store.atomic_file import write_whole
 from calibench.calibration.calibrate import Calibration, OverJoint, Part
@@ -104,9 +104,7 @@ def calibration_figures(answer: Calibration) -> Iterator[tuple[str, Drawing]]:
 
     # the share of poses below each error, before and after
     table = pd.DataFrame({"before": drawn.before, "after": drawn.after}).dropna()
-    with rc_context(STYLE):
-        figure = Figure(figsize=(4.6, 2.9), layout="constrained")
-        axes = figure.subplots()
+    with axes_in(None, 4.6, 2.9) as axes:
         places = _some(len(table))
         for name, colour, dash in (("before", _BEFORE, "--"), ("after", _AFTER, "-")):
             share, errors = 100 * (places + 1) / max(len(table), 1), np.sort(table[name])[places]
@@ -114,8 +112,8 @@ def calibration_figures(answer: Calibration) -> Iterator[tuple[str, Drawing]]:
         axes.set(xlabel="error of a pose that was not fitted [mm]", ylabel="poses with less [%]", ylim=(0, 100))
         axes.set_xscale("log")
         _by_decades(axes.xaxis, table)
-        figure.legend(loc="outside upper right", ncols=2)
-    yield "errors", (figure, table)
+        figure_of(axes).legend(loc="outside upper right", ncols=2)
+    yield "errors", (figure_of(axes), table)
 
     # the error from above, before and after, in one scale of colours
     table = pd.DataFrame(drawn.position, columns=["x", "y", "z"])
@@ -147,12 +145,10 @@ def _some(count: int) -> Index:
 def joint_chart(over_joints: Sequence[OverJoint]) -> Drawing:
     """Draw the rms error over the angle or the way of each joint, before and after."""
     table = pd.DataFrame([asdict(one) for one in over_joints])
-    with rc_context(STYLE):
-        figure = Figure(figsize=joints_size(table), layout="constrained")
-        axes = figure.subplots()
+    with axes_in(None, *joints_size(table)) as axes:
         draw_joints(axes, table)
-        figure.legend(loc="outside upper right", ncols=2)
-    return figure, table
+        figure_of(axes).legend(loc="outside upper right", ncols=2)
+    return figure_of(axes), table
 
 
 def joints_size(table: pd.DataFrame) -> tuple[float, float]:
@@ -191,9 +187,7 @@ def _by_decades(axis: Axis, errors: pd.DataFrame) -> None:
 def gain_chart(design: Design) -> Drawing:
     """Draw the error of the calibrated arm against the number of further poses, and from where on more hardly help."""
     table = pd.DataFrame([asdict(one) for one in design.gain])
-    with rc_context(STYLE):
-        figure = Figure(figsize=(4.6, 2.9), layout="constrained")
-        axes = figure.subplots()
+    with axes_in(None, 4.6, 2.9) as axes:
         chosen = table["poses"] <= len(design.joints)
         for name, colour, label in (
             ("left_mm", _BEFORE, "of a fresh reading"), ("error_mm", _AFTER, "of the arm's numbers alone")
@@ -212,4 +206,4 @@ def gain_chart(design: Design) -> Drawing:
         beside = f"poses beside {design.measured} measured" if design.measured else "poses"
         axes.set(xlabel=f"{beside} (dotted: more that are as good)", ylabel="error, rms [mm]", xlim=(0, most))
         axes.legend()
-    return figure, table
+    return figure_of(axes), table

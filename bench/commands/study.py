@@ -81,12 +81,9 @@ _LOOKED_AT = ("problem", "optimizer", "evaluations", "non_finite", "non_finite_s
 
 
 def status(argv: list[str]) -> int:
-    flags, words = split_flags(argv, ("--watch",))
-    if len(words) != 1:
-        raise ValueError("one STUDY_DIR is needed, such as results/adhoc")
-    store = ResultStore(words[0])
+    store = store_of([word for word in argv if word != "--watch"])
     progress = sweep_progress(store)
-    if "--watch" in flags:
+    if "--watch" in argv:
         from rich.console import Console
         from rich.live import Live
 

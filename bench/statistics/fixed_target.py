@@ -85,11 +85,11 @@ class Runtimes:
         """Return what was spent until each target was reached, or in vain."""
         return np.where(self.charged >= 0, self.charged, np.where(self.asked, self.spent[:, None], 0.0))
 
-    def of(self, rows: Counts | Flags, columns: Counts | Flags | slice = slice(None)) -> Runtimes:
+    def of(self, rows: Counts | Flags, columns: Counts | Flags) -> Runtimes:
         """Return these of the runs, and against some of the targets."""
         charged, after = (counts[rows][:, columns] for counts in (self.charged, self.after))
-        some = {"at": self.at[rows], "level": self.level[columns], "spent": self.spent[rows]}
-        return replace(self, **some, charged=charged, after=after)
+        at, level, spent = self.at[rows], self.level[columns], self.spent[rows]
+        return replace(self, at=at, level=level, spent=spent, charged=charged, after=after)
 
 
 @final
@@ -122,10 +122,11 @@ class Hits:
         if isinstance(tables, pd.DataFrame):
             schema = pa.schema([HITS_SCHEMA.field(name) for name in cls.COLUMNS])
             tables = pa.Table.from_pandas(tables[cls.COLUMNS], schema, preserve_index=False)
+        parts: Iterable[pa.Table] = [tables] if isinstance(tables, pa.Table) else tables
         known: dict[tuple[str, float], int] = {}
         ids = [pa.array([], pa.string())]
         blocks: list[_Block] = []
-        for table in [tables] if isinstance(tables, pa.Table) else tables:
+        for table in parts:
             (named, run), (names, quantity) = (dictionary(table[name]) for name in ("run_id", "quantity"))
             value, values = pd.factorize(numbers(table["target"]))
             level, different = pd.factorize(quantity * max(len(values), 1) + value)
@@ -152,8 +153,8 @@ class Hits:
         for b in self.blocks:
             k = np.flatnonzero(chosen[b.level])
             if len(k):  # one beside the other without a copy
-                k = slice(k[0], k[-1] + 1) if k[-1] - k[0] + 1 == len(k) else k
-                some.append(_Block(b.run, b.level[k], b.charged[:, k], b.after[:, k]))
+                columns = slice(k[0], k[-1] + 1) if k[-1] - k[0] + 1 == len(k) else k
+                some.append(_Block(b.run, b.level[k], b.charged[:, columns], b.after[:, columns]))
         return replace(self, blocks=tuple(some))
 
     def of_runs(self, run_ids: pd.Series) -> Hits:
@@ -300,24 +301,26 @@ def _sums(runs: pd.DataFrame, whole: Iterable[Runtimes], intervals: bool) -> dic
         cell, instance = pd.factorize(number[one.at])[0], instances[one.at]
         order = np.lexsort([repetition[one.at], instance, cell])  # in a cell the same for every method
         for rows in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
-            mine, starts = one.of(rows), np.flatnonzero(np.diff(instance[rows], prepend=-1))
+            columns, where = _different_columns(one.charged[rows], one.after[rows])
+            mine, starts = one.of(rows, columns), np.flatnonzero(np.diff(instance[rows], prepend=-1))
             won, paid, first = np.isfinite(mine.time), mine.paid, one.at[rows[0]]
             chance, by_instance = bool(chances_of[number[first]]), len(starts) >= _ENOUGH
+            early = np.where(mine.after >= 0, mine.after + 1.0, np.inf)
             of_cell = {
-                "run": first, "level": one.level, "size": len(rows), "chance": chance, "spent": paid.sum(axis=0),
-                "least": np.where(won, np.where(mine.after >= 0, mine.after + 1.0, np.inf), paid).sum(axis=0),
-                "reached": won.sum(axis=0),
-                "runs": mine.asked.sum(axis=0), "resampled": "instances" if by_instance else "runs",
+                "run": first, "level": one.level, "size": len(rows), "chance": chance,
+                "spent": paid.sum(axis=0)[where], "least": np.where(won, early, paid).sum(axis=0)[where],
+                "reached": won.sum(axis=0)[where], "runs": mine.asked.sum(axis=0)[where],
+                "resampled": "instances" if by_instance else "runs",
             }  # fmt: skip
             for name, values in of_cell.items():
-                parts[name].append(np.broadcast_to(values, len(one.level)))
+                parts[name].append(np.broadcast_to(values, len(where)))
             if chance and intervals:
                 starts = starts if by_instance else np.arange(len(rows))
                 some = units.setdefault(len(starts), [])
-                some.append((begin, np.add.reduceat(paid, starts), np.add.reduceat(won.astype(float), starts)))
-                if len(some) * len(one.level) * max(len(starts), RESAMPLES) > _AT_ONCE:
+                some.append((begin, where, np.add.reduceat(paid, starts), np.add.reduceat(won.astype(float), starts)))
+                if len(some) * len(columns) * max(len(starts), RESAMPLES) > _AT_ONCE:
                     ends.append(_ends(units.pop(len(starts))))
-            begin += len(one.level)
+            begin += len(where)
     column = {name: np.concatenate(values) for name, values in parts.items()}
     low, high = np.full((2, begin), np.nan)
     for place, *both in [*ends, *map(_ends, units.values())]:
@@ -327,13 +330,16 @@ def _sums(runs: pd.DataFrame, whole: Iterable[Runtimes], intervals: bool) -> dic
     return {name: values[some_asked] for name, values in (column | {"low": low, "high": high}).items()}
 
 
-_Units = tuple[int, Array, Array]  # where the targets of a cell begin, what each unit paid and how often it arrived
+_Units = tuple[int, Counts, Array, Array]  # where a cell begins, columns of its targets, what units paid and won
 
 
 def _ends(alike: Sequence[_Units]) -> tuple[Counts, Array, Array]:
     """Return the places and the ends of the intervals of cells of as many units, which share their draws."""
-    place = np.concatenate([begin + np.arange(paid.shape[1]) for begin, paid, _ in alike])
-    return place, *ert_interval(*(np.concatenate([unit[k] for unit in alike], axis=1) for k in (1, 2)))
+    place = np.concatenate([begin + np.arange(len(where)) for begin, where, *_ in alike])
+    first = np.cumsum([0, *(paid.shape[1] for *_, paid, _ in alike)])
+    where = np.concatenate([k + unit[1] for k, unit in zip(first.tolist(), alike)])
+    low, high = ert_interval(*(np.concatenate([unit[k] for unit in alike], axis=1) for k in (2, 3)))
+    return place, low[where], high[where]
 
 
 def success_intervals(successes: Counts, counts: Counts) -> tuple[Array, Array]:
@@ -411,8 +417,8 @@ def ert_interval(paid: Array, won: Array) -> tuple[Array, Array]:
     some = np.flatnonzero(won.sum(axis=0) > 0)
     if units < FEWEST or not len(some):
         return low, high
-    columns, where = _different_columns(paid, won, some)
-    p, w = paid[:, columns], won[:, columns].astype(float)
+    columns, where = _different_columns(paid[:, some], won[:, some])
+    p, w = paid[:, some[columns]], won[:, some[columns]].astype(float)
     products = p, w, p**2, p * w, w**2
     ratio, error = _log_ratio(np.ones((1, units)), products)
     ratios, errors = np.empty((2, RESAMPLES, len(columns)))
@@ -433,16 +439,14 @@ def ert_interval(paid: Array, won: Array) -> tuple[Array, Array]:
     return low, high
 
 
-def _different_columns(paid: Array, won: Array, some: Counts) -> tuple[Counts, Counts]:
-    """Return those of `some` columns that differ in what was paid or won, and the place of each among them."""
+def _different_columns(*tables: NDArray[Any]) -> tuple[Counts, Counts]:
+    """Return the first of those columns that are alike in each table, and the place of each column among them."""
     seen: dict[bytes, int] = {}
-    columns, where = [], []
-    for column in some.tolist():
-        key = blake2b(paid[:, column].tobytes() + won[:, column].tobytes()).digest()
-        if seen.setdefault(key, len(seen)) == len(columns):
-            columns.append(column)
-        where.append(seen[key])
-    return np.array(columns), np.array(where)
+    by_column = [np.ascontiguousarray(table.T) for table in tables]
+    where = np.array(
+        [seen.setdefault(blake2b(b"".join(column)).digest(), len(seen)) for column in zip(*by_column, strict=True)]
+    )
+    return np.unique(where, return_index=True)[1], where
 
 
 def _log_ratio(weight: Array, products: Sequence[Array]) -> tuple[Array, Array]:

@@ -103,8 +103,9 @@ def name_rows(table: pd.DataFrame, columns: Sequence[str], names_of: Callable[[l
     number = numbered(table[name] for name in columns)
     different = table[[*columns]].iloc[np.unique(number, return_index=True)[1]]
     names = np.array([*names_of([*zip(*(plain(different[name]) for name in columns), strict=True)])], dtype=object)
-    text: Any = pd.StringDtype("python", na_value=np.nan)  # held by reference: cheap to cut and to list
-    return pd.Series(names[number] if len(number) else [], index=table.index, dtype=text)
+    text = pd.StringDtype("python", na_value=np.nan)  # held by reference: cheap to cut and to list
+    named: pd.Series = pd.Series(names[number] if len(number) else [], index=table.index, dtype=text)
+    return named
 
 
 _KINDS = (("prob.", "problem", "problem_options"), ("opt.", "optimizer", "optimizer_options"))

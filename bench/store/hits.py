@@ -173,7 +173,7 @@ _Runs = Mapping[str, NDArray[Any]]  # columns of some runs as arrays: those of a
 def _hits(chunk: pa.Table, points: Points, by_problem: Mapping[Any, Sequence[_Quantity]]) -> pa.Table:
     """Return the rows of all problems as one table, in the order of the runs."""
     quantities = {one.name for levels in by_problem.values() for one in levels}
-    figures = offered(arrays.to_pandas(chunk.select(["merit"]))) if "merit" in chunk.column_names else {}
+    figures: Any = offered(arrays.to_pandas(chunk.select(["merit"]))) if "merit" in chunk.column_names else {}
     columns = {**columns_of(chunk), **{name: figures[name] for name in figures if name in quantities}}
     measured = {name for name in ("best_value", "judged_value", "wall_s", *quantities) if name in columns}
     runs: _Runs = {

@@ -9,7 +9,7 @@ from functools import cache
 from os import makedirs
 from os.path import isfile
 from pathlib import Path
-from typing import Any, final
+from typing import Any, cast, final
 
 from llvmlite.binding import add_symbol
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
@@ -45,7 +45,7 @@ class _Locator:
 
 @final
 class _Files(CompileResultCacheImpl):
-    _locator_classes = (_Locator, *CompileResultCacheImpl._locator_classes)
+    _locator_classes: list[Any] = [_Locator, *CompileResultCacheImpl._locator_classes]  # noqa: RUF012  # numba's
 
 
 @final
@@ -93,10 +93,10 @@ def keep(function: Any) -> Any:
 def without_literals(function: Any) -> Any:
     """Let a kernel that calls `function` with a constant use what is compiled for any number of that type."""
     if hasattr(function, "py_func"):
-        template_of = function.get_call_template
+        template_of, type_of = function.get_call_template, cast(Any, unliteral)
 
         def plain(args: Any, named: Any) -> Any:
-            return template_of(tuple(map(unliteral, args)), {name: unliteral(kind) for name, kind in named.items()})
+            return template_of(tuple(map(type_of, args)), {name: type_of(kind) for name, kind in named.items()})
 
         function.get_call_template = plain
     return function

@@ -100,8 +100,8 @@ _FORMULATE = "formulate(data), which returns Predicted(...) or Constraints(...)"
 def refuse_no_machine(machine: object, called: str = "") -> None:
     """Raise `DataError` for an object without a name or a `formulate` that takes data; the user `called` it so."""
     if isinstance(machine, type):
-        name = machine.__name__
-        raise DataError(f"{called or 'machine'}: {name} is a class; {name}(), one of it, is needed")
+        kind = machine.__name__
+        raise DataError(f"{called or 'machine'}: {kind} is a class; {kind}(), one of it, is needed")
     called = called or f"machine: {type(machine).__name__}"
     formulate = getattr(machine, "formulate", None)
     if not callable(formulate):

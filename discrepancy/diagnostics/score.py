@@ -143,6 +143,19 @@ def f_test(T: float, m: int, total: float, degrees: int) -> float:
     return float(fdtrc(m, rest, max(T, 0.0) / m / max((total - T) / rest, 1e-300)))
 
 
+def p_by_own_scatter(on: ProjectedScores, U: Array) -> float:
+    """Return the p of a basis (N, m) by the scatter that each row itself has beside it (White 1980).
+
+    It holds where noise is larger in some part of the run, of which the F test knows nothing.
+    """
+    z, rest = U.T @ on.tested, on.degrees - U.shape[1]
+    if rest <= 0 or not U.shape[1]:
+        return 1.0
+    left = on.tested - U @ z
+    T = float(z @ np.linalg.lstsq((U * left[:, None] ** 2).T @ U, z, rcond=None)[0])
+    return float(fdtrc(U.shape[1], rest, T / U.shape[1]))
+
+
 def projected_scores(fit: Fit, spared: bool = False) -> ProjectedScores:
     """Return the scores of a fit, projected off what its Jacobian can absorb; `spared` see `ProjectedScores`."""
     size = np.sqrt((fit.J**2).sum(axis=0))

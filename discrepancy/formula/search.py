@@ -101,7 +101,8 @@ def with_formula(
     # whole poses, and fifths of the run
     count = thresholds().folds
     order = np.argsort(np.argsort(reading_order(formulation.data), kind="stable"), kind="stable")
-    blocks = [folds(formulation.data, count), np.asarray(order * count // max(len(order), 1))]
+    fifths: Array = np.asarray(order * count // max(len(order), 1))
+    blocks = (folds(formulation.data, count), fifths)
 
     def errors(one: Fit) -> list[float]:
         return [float(np.sum(left_out(one, fold) ** 2)) for fold in blocks]
@@ -620,8 +621,8 @@ class _Search:
         for _, one in sorted(by_shape.values(), key=lambda pair: -pair[0])[:2]:
             terms = (*before, self._polished(on, one))
             ordered = tuple(t for name in dict.fromkeys(t.quantity for t in terms) for t in terms if t.quantity == name)
-            beside, T, rank = self._beside(ordered)
-            done.append(_Found(ordered, T, self.worth(T, rank, ordered, beside)))
+            beside, shown, rank = self._beside(ordered)
+            done.append(_Found(ordered, shown, self.worth(shown, rank, ordered, beside)))
         return done
 
     def _polished(self, on: ProjectedScores, term: Term) -> Term:

@@ -194,11 +194,9 @@ def weighted_fit(model: Model, x: Array, weight: Array) -> Array:
     """Return the least squares from x, each constraint times its weight, (n, c), to what a deviation is told by."""
     return gauss_newton(
         lambda x: (model.residuals(x) * weight).ravel(),
-        lambda x: (model.jacobian(x) * weight[:, :, None]).reshape(weight.size, -1),
-        x,
-        rank_tolerance=1e-10,
-        least_fall=_STILL,
-    )
+        lambda x: (model.jacobian(x) * weight[:, :, None]).reshape(weight.size, -1), x,
+        rank_tolerance=1e-10, least_fall=_STILL,
+    )  # fmt: skip
 
 
 def _spread(values: Array, width: float, spent: float) -> float:

@@ -40,6 +40,7 @@ _NOTHING_LEFT = 2  # degrees of freedom: with fewer left nothing could check a n
 _SAME = 1e-4  # squared length of a direction beside the other candidate: below this both have the direction in common
 # part of a column's square that is added, so that a direction that only the left-out poses determine is held
 _HELD = 1e-9
+_ASKED = 20  # of the tests with the smallest p, whether they hold where noise differs from row to row
 
 
 @final
@@ -96,7 +97,7 @@ def select_stepwise(
     first_p = 1.0
     while True:
         current, picks = picked.fit, picked.effects
-        tests, p = _tested(current, picks, candidates, terms, rng, spared=first is None)
+        tests, p = _tested(current, picks, candidates, terms, rng, level, spared=first is None)
         if first is None:
             first, first_p = tests, p
         more = p < level and len(picks) < t.effects_most
@@ -157,16 +158,36 @@ def is_calm(
     base: Fit, candidates: Sequence[Effect], terms: Sequence[SmoothTerm], rng: np.random.Generator, level: float
 ) -> bool:
     """Return whether a search at `level` would tell no alarm: its first test alone, whose draws `rng` keeps."""
-    return _tested(base, (), candidates, terms, deepcopy(rng), spared=True)[1] >= level
+    return _tested(base, (), candidates, terms, deepcopy(rng), level, spared=True)[1] >= level
 
 
 def _tested(
     at: Fit, picks: Sequence[Effect], candidates: Sequence[Effect], terms: Sequence[SmoothTerm],
-    rng: np.random.Generator, spared: bool,
+    rng: np.random.Generator, level: float, spared: bool,
 ) -> tuple[Tests, float]:  # fmt: skip
-    """Return the tests of a fit with some picks, and the p of "nothing is left"."""
+    """Return the tests of a fit with some picks, and the p of "nothing is left"; `spared` is that of no pick."""
     tests = run_tests(at, still_open(candidates, set(map(name_of, picks))), terms, rng, spared)
+    if spared and tests.still < level:
+        t = thresholds()
+        names = _by_own_scatter(at, tests.on, tests.names, tests.p_names, t.share_names * level)
+        smooth = _by_own_scatter(at, tests.on, tests.smooth, tests.p_smooth, t.share_smooth * level)
+        tests = replace(tests, p_names=names, p_smooth=smooth)
     return tests, 1.0 if at.exact else min(tests.still, _lack_of_fit(tests, at) / thresholds().share_misfit)
+
+
+def _by_own_scatter(
+    at: Fit, on: score.ProjectedScores, scored: Sequence[score.Scored], p: float, most: float
+) -> float:  # fmt: skip
+    """Return the p of all tests of a kind; where one below `most` rests on equal noise in all rows, that without it."""
+    if not thresholds().p_sure < p < most:
+        return p
+    ranked, found = sorted(scored, key=lambda s: s.p)[:_ASKED], 1.0
+    for s in ranked:
+        [seen] = score.subspaces(on, score.columns(at, s.effect)[None])
+        found = min(found, p * max(s.p, score.p_by_own_scatter(on, seen.U)) / ranked[0].p)
+        if found < most:
+            return p
+    return found
 
 
 def exchange(

@@ -6,7 +6,6 @@ import io
 import os
 import resource
 import socket
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ import pytest
 
 from calibench import problems
 from calibench.bench.cli import main
-from calibench.bench.measured import Source, files, read_measured, shipped_path, write_measured
+from calibench.bench.measured import files, read_measured, shipped_path, write_measured
 from calibench.core.tables import data_file
 from calibench.core.tables.csv_table import read_table
 from calibench.core.tables.data_file import LARGEST_PARQUET, LARGEST_TEXT, MOST_CELLS, MOST_COLUMNS, read_whole
@@ -269,7 +268,7 @@ def test_a_file_that_is_written_anew_between_two_looks_has_no_verdict(monkeypatc
         write_measured(data.rows(np.arange(len(data)) < 100), path)
         return content
 
-    monkeypatch.setattr(sys.modules[Source.__module__], "read_columns", then_changed)
+    monkeypatch.setattr(files, "read_columns", then_changed)
     code, line = said("discover", "machine=gpm2002", "data=run.parquet")
     assert code == 2
     assert "run.parquet: changed while it was read" in line
@@ -283,7 +282,7 @@ def test_a_file_that_goes_between_two_looks_is_told(monkeypatch):
         os.unlink(path)
         return read(path, *stated)
 
-    monkeypatch.setattr(sys.modules[Source.__module__], "read_columns", gone)
+    monkeypatch.setattr(files, "read_columns", gone)
     assert said("discover", "machine=gpm2002", "data=run.parquet") == (2, "bench: run.parquet: there is no such file\n")
 
 

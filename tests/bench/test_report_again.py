@@ -10,7 +10,7 @@ _SWEEP = "run -m problem=sensor_zero,link_length optimizer=lm seeds=2 budget=60 
 
 
 @pytest.fixture
-def study(run_bench, tmp_path, one_process, undrawn):
+def study(run_bench, tmp_path, one_process):
     assert run_bench(_SWEEP)[0] == 0
     return tmp_path / "s"
 

@@ -43,6 +43,7 @@ def test_infinite_and_undefined_results_raise_nothing():
 
 def test_an_exact_kernel_takes_its_arrays_and_compiles_for_nothing_else():
     kernel = exact(first_of, 1, 2)
+    assert not getattr(kernel, "signatures", [])  # it waits for the first call
     fixed = np.ones((1, 1))
     fixed.flags.writeable = False
     locked = np.arange(3.0)
@@ -52,3 +53,18 @@ def test_an_exact_kernel_takes_its_arrays_and_compiles_for_nothing_else():
         with pytest.raises(TypeError):
             kernel(other, fixed)
     assert len(getattr(kernel, "signatures", [0])) == 1
+
+
+@njit()
+def added(x, count):
+    return x + count
+
+
+@njit()
+def added_both(x, count):
+    return added(x, 1) + added(x, count)
+
+
+def test_a_kernel_is_compiled_once_for_a_constant_and_for_a_number():
+    assert added_both(0.5, 2) == 4.0
+    assert len(getattr(added, "signatures", [0])) == 1

@@ -15,6 +15,7 @@ from calibench.discrepancy.diagnostics.score import (
     columns,
     f_test,
     family_wise,
+    p_by_own_scatter,
     projected_scores,
     score_all,
     smallest_p_law,
@@ -209,3 +210,16 @@ def test_lack_of_fit_holds_its_level_under_heavy_tails() -> None:
         hits["untold"] += excess_p(mean, 300, np.inf) < 0.02
     assert hits["told"] / 1000 < 0.03
     assert hits["untold"] / 1000 > 0.06
+
+
+def test_a_p_by_own_scatter_holds_where_noise_is_larger_in_a_part_of_the_run() -> None:
+    n, rng = 400, np.random.default_rng(5)
+    size = np.where(np.arange(n) < 80, 2.0, 1.0)
+    U = np.where(np.arange(n) < 80, rng.standard_normal(n), 0.0)[:, None]
+    U = U / np.linalg.norm(U)
+    below = []
+    for _ in range(600):
+        on = ProjectedScores(size * rng.standard_normal(n), np.zeros((n, 0)))
+        below.append((p_by_own_scatter(on, U) < 0.05, on.test(float(np.sum((U.T @ on.y) ** 2)), 1) < 0.05))
+    own, equal = np.mean(below, axis=0)
+    assert own < 0.1 < equal

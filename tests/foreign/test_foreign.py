@@ -63,3 +63,8 @@ def test_rows_keep_their_place_in_the_order_of_reading_when_others_are_left_out(
 
 def test_one_far_reading_among_those_held_out_is_no_alarm() -> None:
     assert told("sound", 962097)["verdict"] == "none"
+
+
+def test_noise_that_is_larger_for_a_while_is_no_drift() -> None:
+    said = told("sound", 963007, rows=4704)
+    assert (said["law"], said["verdict"]) == ("patchy", "none")

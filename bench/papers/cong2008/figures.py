@@ -18,7 +18,18 @@ from matplotlib.figure import Figure
 from calibench import problems
 from calibench.bench.papers.ledger import Evidence, kept
 from calibench.bench.provenance.run_id import canonical, options_of
-from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing, entitle, look_of, put_legend, save
+from calibench.bench.report.shared.drawing import (
+    COLOURS,
+    DASHES,
+    STYLE,
+    Drawing,
+    axes_in,
+    entitle,
+    figure_of,
+    look_of,
+    put_legend,
+    save,
+)
 from calibench.bench.report.study.additions import AddedFigure, Addition, Mark, PrintedTable, TableSection
 from calibench.bench.report.study.figures import convergence_bands, spread_text
 from calibench.bench.statistics.cells import CELL
@@ -226,9 +237,7 @@ def plans(*_: pd.DataFrame) -> Drawing:
     """Draw the singular values of `full11` for readings on a line, a circle, two circles and a disc (section 4.5)."""
     noise, numbers = 1e-4, []
     sampled = (("line", 80.0), ("circle", 80.0), ("two_circles", 120.0), ("disc", 100.0))
-    with rc_context(STYLE):
-        figure = Figure(figsize=(7.6, 3.9), layout="constrained")
-        axes = figure.subplots()
+    with axes_in(None, 7.6, 3.9) as axes:
         for (plan, radius), colour, dashes in zip(sampled, COLOURS, DASHES):
             known = problems.identify(problems.make("full11", plan=plan, radius=radius), noise=noise)
             worst = max(float(e) for e, unit in zip(known.standard_errors, known.units, strict=True) if unit == "mm")
@@ -248,7 +257,7 @@ def plans(*_: pd.DataFrame) -> Drawing:
             fontsize=8, loc="lower left", alignment="left",
             title=f"condition, and worst standard error of a length at {noise:g} rad",
         )  # fmt: skip
-    return figure, pd.concat(numbers, ignore_index=True)
+    return figure_of(axes), pd.concat(numbers, ignore_index=True)
 
 
 def caption(error: str) -> str:

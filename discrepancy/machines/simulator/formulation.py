@@ -264,7 +264,7 @@ class _OnRows:
     def remarks(self) -> tuple[Note, ...]:
         """Return what the search asked of the simulator: the notes of a report."""
         known, local = self.local.caller, self.local
-        times = plain(known.rows / max(local.number, 1), 3)
+        times = plain(known.rows / max(len(local.inputs), 1), 3)
         noise = max(float(np.max(local.noise / local.scale)), 0.0)
         how = f"in {duration(known.seconds)} on {counted(known.workers, 'core')}" if known.run else "by this command"
         text = (
@@ -277,7 +277,7 @@ class _OnRows:
 
 def _say_beforehand(known: Caller, seconds: float, local: LocalModel) -> None:
     """Tell on the terminal how long the simulator, `seconds` for the whole table, will take, where it takes long."""
-    p, n = len(known.names.parameters), local.number
+    p, n = len(known.names.parameters), len(local.inputs)
     of_few = min(FEW / n, 1.0) * (9 + 16 * len(local.variables))  # noise and steps
     passes = int(_CALIBRATIONS * (2 * p + 2) + 2 * len(local.variables) + p * (p + 1) / 2 + of_few + _SEARCH)
     ahead = seconds * passes / max(known.workers, 1)

@@ -82,14 +82,9 @@ class LocalModel:
     reaches: dict[str, Array] = field(default_factory=dict)  # the root of a curvature, rms over the rows, (m,)
     places: list[Place] = field(default_factory=list)
 
-    @property
-    def number(self) -> int:
-        """Return the number of rows of the table."""
-        return len(self.inputs)
-
     def prepare(self) -> None:
         """Call the simulator as it is, and tell what it can be asked for, its noise, and the steps of differences."""
-        n = self.number
+        n = len(self.inputs)
         [values] = self.caller.ask([(self.inputs, self.parameters)])
         if not np.isfinite(values).all():
             rows = np.flatnonzero(~np.isfinite(values).all(axis=1))
@@ -164,7 +159,7 @@ class LocalModel:
             except Exception:  # a shorter step is tried
                 continue
             if np.isfinite(values).all() and np.mean((((measured - values) / self.scale)[fitted]) ** 2) < now:
-                self.places.append(Place(self.inputs, np.tile(p, (self.number, 1)), values))
+                self.places.append(Place(self.inputs, np.tile(p, (len(self.inputs), 1)), values))
                 self.parameters = p
                 return True
         return False
@@ -195,7 +190,7 @@ class LocalModel:
                     raise DataError(f"the simulator failed: {type(error).__name__}: {one_line(str(error))}") from error
                 values = np.full((len(rows), len(self.scale)), np.nan)
             if np.isfinite(values).all() or best is None:
-                n, m = self.number, values.shape[1]
+                n, m = len(self.inputs), values.shape[1]
                 whole = Place(self.inputs.copy(), np.tile(self.parameters, (n, 1)), np.full((n, m), np.nan))
                 whole.inputs[rows], whole.parameters[rows], whole.values[rows] = inputs, parameters, values
                 self.places = [self.places[0], *self.places[1:][-_PLACES:], whole]
