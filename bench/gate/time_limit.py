@@ -142,7 +142,8 @@ class Watch:
         """Begin the search: the gate looks at the clock, counts can be seen, silence lasts `stall_limit` at most."""
         self.mirror.head[STALL] = stall_limit
         self.enter(Phase.SEARCH)
-        gate.refuse_after(float(self.mirror.head[DEADLINE]), self.mirror.publish, memoryview(self.mirror.head))
+        counts: Any = memoryview(cast(Any, self.mirror.head))
+        gate.refuse_after(float(self.mirror.head[DEADLINE]), self.mirror.publish, counts)
 
 
 @final

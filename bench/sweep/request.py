@@ -137,9 +137,9 @@ def _request_of(study: str, sweeps: list[list[Any]], once: list[Any]) -> Request
                     asked.append((problem.asked, problem.built, method.asked, method.built, spec.budget, spec.target))
             if int(spec_id, 16) % of_all.shards != of_all.shard - 1:
                 continue
-            specs.setdefault(
-                spec_id, spec if of_all.time_limit is None else replace(spec, time_limit=of_all.time_limit)
-            )
+            if of_all.time_limit is not None:
+                spec = replace(spec, time_limit=of_all.time_limit)
+            specs.setdefault(spec_id, spec)
             pair = id(problem), id(method)
             if pair not in digests:
                 digests[pair] = code_digest(problem.built, method.built)

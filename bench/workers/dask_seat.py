@@ -2,8 +2,9 @@
 
 A Dask worker must outlive whatever a run does. So it starts a seat, a fresh process of one thread, which executes
 nothing of a user's itself. What it says begins with a letter: ``A`` it agrees to work; ``X`` why it does not; ``B`` it
-can begin with a pack, and does when it hears anything; ``P`` how far a run is, JSON; ``R`` a run has ended, pickled
-with its seconds; ``E`` the pack has, with [status, why] where the child was lost.
+can begin with a pack, and does when it hears anything; ``T`` what its child says, pickled: ``P`` how far a run is,
+JSON, and ``R`` a run has ended, pickled with its seconds; ``E`` the pack has, with [status, why] where the child was
+lost.
 
 A `Home` is what the sweep's own machine has and every worker must have: versions and digests of code, by which a worker
 that differs is refused, and the sources of a user's classes, which are sent along.
@@ -21,7 +22,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from time import monotonic
+from time import monotonic, sleep
 from typing import final
 
 from calibench.bench.execution.in_progress import publishing
@@ -33,10 +34,11 @@ from calibench.bench.provenance.environment import provenance
 from calibench.bench.workers.carrier import Pack, do_pack, too_late
 from calibench.core import sources, user_file
 
-AGREED, REFUSED, READY, WENT_ON, RAN, ENDED = b"A", b"X", b"B", b"P", b"R", b"E"
+AGREED, REFUSED, READY, WENT_ON, RAN, TOLD, ENDED = b"A", b"X", b"B", b"P", b"R", b"T", b"E"
 IDLE = 10.0  # seconds without a pack after which a seat goes
 PROGRESS_EVERY = 2.0  # seconds between two words of how far a long run is
 _LOOK = 0.25  # seconds between two looks at the child
+_TOGETHER = 0.01  # seconds in which runs that end are passed on as one; their child can say more than that unread
 _NOT_IN_RUNS = ("python", "pandas", "pyarrow", "hydra-core")  # they compose and keep, and are no part of a run
 OURS = ("calibench.problems", "calibench.optimizers", "calibench.bench.execution.run", *GATE)  # what a run goes through
 
@@ -91,9 +93,13 @@ def _do(pack: Pack, child: Child, worker: Connection) -> tuple[str, str] | None:
     while job is not None:
         if worker in wait([worker, child.connection], _LOOK):  # there is nothing to say to a seat at work
             raise EOFError
+        if job is not pack.jobs[-1]:
+            sleep(_TOGETHER)  # to be woken takes as long as a short run
         why = child.why_lost()  # before it is heard: what it sent last must not be missed
-        for words in child.messages():
-            worker.send_bytes(words)
+        said = child.messages()
+        if said:
+            worker.send_bytes(TOLD + pickle.dumps(said))
+        for words in said:
             if words[:1] == RAN:
                 job, heard = next(for_run, None), monotonic()
         if job is None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import pickle
 import signal
 import socket
 import subprocess
@@ -60,10 +61,10 @@ def do_flight(queue: str, flight: int, home: bytes, pack: bytes) -> None:
         seat.say(b"begin")
         while ended is None and stream.is_wanted():  # runs go home as they end
             for words in seat.words(stream.patience()):
-                if words[:1] not in (b"R", b"P"):
+                if words[:1] != b"T":
                     ended = words[1:].decode()
                     break
-                stream.words.append(words)
+                stream.words += pickle.loads(words[1:])
             else:
                 ended = _SEAT_LOST if seat.is_gone else None
                 if ended is None and stream.words and stream.patience() == 0.0:

@@ -14,6 +14,7 @@ from itertools import combinations
 from typing import final
 
 import numpy as np
+from scipy.linalg.lapack import dormqr, dpttrf, dpttrs, dsytrd
 
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit, orthonormal, project_off, reading_order

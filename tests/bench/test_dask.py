@@ -1,7 +1,9 @@
 """Runs on Dask: the rows of a serial sweep, whoever dies; what a site's cluster must have; nothing is left running."""
 
 import json
+import multiprocessing
 import os
+import pickle
 import signal
 import socket
 import subprocess
@@ -18,7 +20,10 @@ import pytest
 
 from calibench.bench.cli import main
 from calibench.bench.execution.run import Spec
+from calibench.bench.gate.processes import Child
 from calibench.bench.store.runs import ResultStore
+from calibench.bench.workers import dask_seat
+from calibench.bench.workers.carrier import Job, Pack
 from calibench.bench.workers.dask import ClusterError, cluster
 from calibench.bench.workers.dask_seat import Home, difference, home_of
 from calibench.bench.workers.dask_worker import _Seat
@@ -353,6 +358,30 @@ def test_a_file_below_our_own_folder_is_the_same_code_on_a_worker_that_has_it_el
     run = spec.execute()
     _, *told = sent(home_of([spec]), spec, tmp_path)
     assert told == [run.run_id, run.record.problem, run.record.code_digest, run.best_value, ""]
+
+
+def test_a_seat_passes_on_in_one_message_what_runs_say_that_end_together():
+    words = [dask_seat.RAN + bytes([number]) for number in range(50)]
+
+    def say(theirs):
+        theirs.recv()
+        for each in words:
+            theirs.send_bytes(each)
+
+    ours, theirs = multiprocessing.Pipe()
+    spec = Spec("sensor_zero", {}, "de", {}, 10, 0)
+    child = Child(say)
+    try:
+        assert dask_seat._do(Pack((Job("a run", spec, "its cell"),) * len(words)), child, theirs) is None
+    finally:
+        child.end()
+    theirs.close()
+    told = []
+    with suppress(EOFError):
+        while True:
+            told.append(ours.recv_bytes())
+    assert [each for message in told for each in pickle.loads(message[1:])] == words
+    assert len(told) < len(words)
 
 
 def test_a_seat_is_closed_once_where_two_threads_close_it(monkeypatch):
