@@ -14,7 +14,8 @@ from itertools import combinations
 from typing import final
 
 import numpy as np
-from scipy.linalg.lapack import dormqr, dpttrf, dpttrs, dsytrd
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dormqr, dpstrf, dpttrf, dpttrs, dsytrd
 
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit, orthonormal, project_off, reading_order
@@ -40,6 +41,7 @@ _SIGN = 0.95  # of the rows, in which a direction is the sign of a velocity
 _LEAST = 60  # degrees of freedom: with fewer nothing tells a cause from another
 _FURTHER = 20.0  # log odds against another name on the same part: measured on foreign causes and on pairs of true ones
 _RANK = 1e-10
+_WORK = 32  # columns that LAPACK takes at once
 _SAME = 1e-3  # of the square: slopes that differ by less are the same
 _TINY = 1e-300
 
@@ -282,14 +284,16 @@ class _Part:
         for k, acting in enumerate(self.sets):
             A = np.concatenate([self.columns, *(seen[j] for j in acting)], axis=1)
             G, b = A.T @ A, A.T @ self.y
+            names = len(self.variances)
+            alone = _Error.of(G[names:, names:], b[names:], float(self.y @ self.y), 0.0, self)
+            beside_names = self._beside(G, b) if k == 0 else None
             for prior in _priors(frequencies, len(columns)):
                 variances = np.concatenate([prior / sizes[j] for j in acting]) / len(acting)
-                alone = self._likely(G, b, variances, _SIZES, named=False)
-                found = replace(found, alone=max(found.alone, float(alone.max())))
-                if k:
+                found = replace(found, alone=max(found.alone, float(alone.likely(variances, _SIZES).max())))
+                if beside_names is None:
                     continue
                 off = _OFF * self.off
-                likely = self._likely(G, b, variances, np.concatenate([off, _SIZES]), named=True)
+                likely = beside_names.likely(variances, np.concatenate([off, _SIZES]))
                 form, beside = likely[: len(off)], likely[len(off) :]
                 larger = np.max(beside, where=self.off < _SIZES, initial=-np.inf)
                 found = replace(
@@ -298,24 +302,55 @@ class _Part:
                 )  # fmt: skip
         return found
 
-    def _likely(self, G: Array, b: Array, variances: Array, sizes: Array, *, named: bool) -> Array:
-        """Return the log-likelihood, but for a constant, with and without the names, for each size of the error."""
-        k, total, lost = len(self.variances), float(self.y @ self.y), 0.0
-        rest, along = G[k:, k:], b[k:]
-        if named:
-            s = np.sqrt(self.variances)
-            L = np.linalg.cholesky(np.eye(k) + s[:, None] * G[:k, :k] * s)
-            solved = np.linalg.solve(L, s[:, None] * np.column_stack([G[:k, k:], b[:k]]))
-            C, d = solved[:, :-1], solved[:, -1]
-            rest, along, total, lost = rest - C.T @ C, along - C.T @ d, total - float(d @ d), np.log(np.diag(L)).sum()
+    def _beside(self, G: Array, b: Array) -> "_Error":
+        """Return an error that stands beside the names: G (k + m, k + m) and b are those of names and functions."""
+        k, s = len(self.variances), np.sqrt(self.variances)
+        L = np.linalg.cholesky(np.eye(k) + s[:, None] * G[:k, :k] * s)
+        solved = np.linalg.solve(L, s[:, None] * np.column_stack([G[:k, k:], b[:k]]))
+        C, d = solved[:, :-1], solved[:, -1]
+        lost = float(np.log(np.diag(L)).sum())
+        return _Error.of(G[k:, k:] - C.T @ C, b[k:] - C.T @ d, float(self.y @ self.y - d @ d), lost, self)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Error:
+    """A smooth error on a part: factor (r, m) and z (r,), so that factor' factor and factor' z are its sums.
+
+    `total` is the square of the scores, `lost` what names cost already.
+    """
+
+    factor: Array
+    z: Array
+    total: float
+    lost: float
+    part: _Part
+
+    @classmethod
+    def of(cls, sums: Array, along: Array, total: float, lost: float, part: _Part) -> "_Error":
+        """Return it of the sums of squares (m, m) and along the scores (m,), of some rank that rounding leaves."""
+        upper, pivots, rank, _ = dpstrf(sums, tol=_RANK * np.diag(sums).max())
+        order = pivots - 1
+        factor, z = np.zeros((rank + 2, len(sums))), np.zeros(rank + 2)  # two are zero: LAPACK solves for two and more
+        factor[:rank, order] = np.triu(upper[:rank])
+        z[:rank] = solve_triangular(upper[:rank, :rank], along[order[:rank]], trans="T")
+        return cls(factor, z, total, lost, part)
+
+    def likely(self, variances: Array, sizes: Array) -> Array:
+        """Return the log-likelihood, but for a constant, for each size of the error."""
         some = variances > _RANK * variances.max()
-        roots = np.sqrt(variances[some])
-        values, vectors = np.linalg.eigh(roots[:, None] * rest[np.ix_(some, some)] * roots)
-        squares, a = (vectors.T @ (roots * along[some])) ** 2, sizes[:, None] ** 2
-        wider = 1 + a * np.maximum(values, 0.0)
-        left = np.maximum(total - (a * squares / wider).sum(axis=1), _TINY)
-        noise = np.maximum(self.least, left / self.degrees)
-        return np.asarray(-0.5 * (self.degrees * np.log(noise) + left / noise + np.log(wider).sum(axis=1)) - lost)
+        scaled = self.factor[:, some] * np.sqrt(variances[some])
+        # a tridiagonal matrix with the same eigenvalues: a size costs next to nothing
+        turns, diagonal, beside, tau, _ = dsytrd(scaled @ scaled.T, lower=1, lwork=_WORK * len(self.z))
+        z = self.z.copy()
+        z[1:] = dormqr("L", "T", turns[1:, :-1], tau, z[1:, None], lwork=_WORK)[0][:, 0]
+        wider = [dpttrf(1 + a * diagonal, a * beside)[:2] for a in sizes**2]
+        widths = np.array([np.log(one).sum() for one, _ in wider])
+        left = np.array([self.total - z @ z + z @ dpttrs(*one, z)[0] for one in wider])
+        left = np.maximum(left, _TINY)
+        noise = np.maximum(self.part.least, left / self.part.degrees)
+        degrees = self.part.degrees
+        return np.asarray(-0.5 * (degrees * np.log(noise) + left / noise + widths) - self.lost)
 
 
 def _alike(one: Array, other: Array) -> bool:
