@@ -130,14 +130,11 @@ class _Expected:
     weights: Array
     spread: Array
 
-    @property
-    def c(self) -> Array:
-        return np.asarray(self.weights @ self.numbers)
-
     def there(self, joint: Fit) -> tuple[Array, Array]:
         """Return the coefficients of the effect in a fit of another set, (k,), and their covariance."""
         places = np.concatenate([np.arange(len(joint.x))[joint.model.place_of(e)] for e in self.effects])
-        spread = self.weights @ _covariance(joint)[np.ix_(places, places)] @ self.weights.T
+        covariance = joint.covariance(stated=True) * _left(joint)
+        spread = self.weights @ covariance[np.ix_(places, places)] @ self.weights.T
         return np.asarray(self.weights @ joint.x[places]), np.asarray(spread)
 
     def held(self) -> "_Expected":
@@ -150,36 +147,6 @@ class _Expected:
             self, effects=(_OfPeriod(effect, float(self.numbers[k])),), numbers=self.numbers[:k],
             weights=self.weights[:k, :k], spread=self.spread[:k, :k],
         )  # fmt: skip
-
-
-def _expected(finding: Finding, first: Fit) -> _Expected | None:
-    """Return what is expected of a finding; None for a law of the noise, of which no model holds an effect."""
-    own = [e for e in first.model.effects if name_of(e) == finding.effect]
-    if not own:
-        return None
-    effects = (own[0], *forms_of(own[0], first.model.effects))
-    places = np.concatenate([np.arange(len(first.x))[first.model.place_of(e)] for e in effects])
-    data, eye = first.model.formulation.data, np.eye(len(own[0].coefficients))
-    weights = np.hstack([eye, *(form.nearest(first.at.recorded, data) for form in forms_of(own[0], effects))])
-    spread = weights @ _covariance(first)[np.ix_(places, places)] @ weights.T
-    return _Expected(finding, effects, first.x[places], weights, spread)
-
-
-def _in_another(findings: Sequence[Finding], first: Fit, machine: Machine, other: MeasuredData) -> list[Carried]:
-    """Return what one other set says of each finding."""
-    whole = in_order(machine, listen(other)[0])
-    fitted = calibrated(whole, searched(whole.data, np.ones(len(whole.data), dtype=bool)))
-    base, known = fitted.base, catalogue(fitted.whole)
-    rows: list[Carried] = []
-    testable: list[_Expected] = []
-    for finding in findings:
-        one = _expected(finding, first)
-        if why := "it is of the noise, and moves no reading" if one is None else _why_not(one, base, known.untestable):
-            rows.append(_row(finding, other.name, "not testable there", why))
-        elif one is not None:
-            testable.append(one)
-    of_run = [c for c in known.candidates if name_of(c) in {row.effect for row in rows if row.why == _OF_RUN}]
-    return [*rows, *(_refitted(testable, base, of_run, other.name) if testable else ())]
 
 
 def _why_not(one: _Expected, base: Fit, untestable: Sequence[Untestable]) -> str:
@@ -239,6 +206,33 @@ def _refitted(expected: Sequence[_Expected], base: Fit, of_run: Sequence[Effect]
     return [_compared(one, settled, gains, case) for one, gains in zip(free, shown, strict=True)]
 
 
+def _in_another(findings: Sequence[Finding], first: Fit, machine: Machine, other: MeasuredData) -> list[Carried]:
+    """Return what one other set says of each finding."""
+    whole = in_order(machine, listen(other)[0])
+    fitted = calibrated(whole, searched(whole.data, np.ones(len(whole.data), dtype=bool)))
+    base, known = fitted.base, catalogue(fitted.whole)
+    rows: list[Carried] = []
+    testable: list[_Expected] = []
+    for finding in findings:
+        own = next((e for e in first.model.effects if name_of(e) == finding.effect), None)
+        if own is None:  # a law of the noise, of which no model holds an effect
+            rows.append(_row(finding, other.name, "not testable there", "it is of the noise, and moves no reading"))
+            continue
+        effects = (own, *forms_of(own, first.model.effects))
+        places = np.concatenate([np.arange(len(first.x))[first.model.place_of(e)] for e in effects])
+        data, eye = first.model.formulation.data, np.eye(len(own.coefficients))
+        weights = np.hstack([eye, *(form.nearest(first.at.recorded, data) for form in forms_of(own, effects))])
+        covariance = first.covariance(stated=True) * _left(first)
+        spread = weights @ covariance[np.ix_(places, places)] @ weights.T
+        one = _Expected(finding, effects, first.x[places], weights, spread)
+        if why := _why_not(one, base, known.untestable):
+            rows.append(_row(finding, other.name, "not testable there", why))
+        else:
+            testable.append(one)
+    of_run = [c for c in known.candidates if name_of(c) in {row.effect for row in rows if row.why == _OF_RUN}]
+    return [*rows, *(_refitted(testable, base, of_run, other.name) if testable else ())]
+
+
 def _beside(base: Fit, expected: Sequence[_Expected], own: tuple[Effect, ...] = ()) -> Fit:
     """Return the fit of all that is expected, and of what is the `own` of the other run, beside the calibration."""
     model = Model(base.model.formulation, (*(effect for one in expected for effect in one.effects), *own))
@@ -255,19 +249,18 @@ def _gains(joint: Fit, one: _Expected) -> tuple[float, float]:
     places = np.concatenate([np.arange(len(joint.x))[joint.model.place_of(effect)] for effect in one.effects])
     without = fit(Model(joint.model.formulation, rest), joint.noise, np.delete(joint.x, places), about=joint)
     fold = folds(joint.model.formulation.data, thresholds().folds)
-    errors = [_left_out(found, fold) for found in (without, joint)]
+    # the squares of the errors of whole poses, each left out of the linearised fit in turn
+    errors = []
+    for found in (without, joint):
+        root = np.sqrt(found.noise.weights(found.r))
+        J = found.J * root[:, None]
+        size = np.sqrt((J**2).sum(axis=0))
+        each = np.repeat(fold, found.at.misclosure.shape[1])
+        held = np.full(J.shape[1], _HELD)
+        left_out = errors_left_out(J / np.where(size > 0, size, 1.0), root * found.r, each, held)
+        errors.append(float(np.sum(left_out**2)))
     taken = len(places) * np.log(len(joint.r))
     return (without.cost - joint.cost) / _left(joint) - taken, (errors[0] - errors[1]) / _left(joint)
-
-
-def _left_out(found: Fit, fold: Array) -> float:
-    """Return the sum of the squares of the errors of whole poses, each left out of the linearised fit in turn."""
-    root = np.sqrt(found.noise.weights(found.r))
-    J = found.J * root[:, None]
-    size = np.sqrt((J**2).sum(axis=0))
-    each = np.repeat(fold, found.at.misclosure.shape[1])
-    held = np.full(J.shape[1], _HELD)
-    return float(np.sum(errors_left_out(J / np.where(size > 0, size, 1.0), root * found.r, each, held) ** 2))
 
 
 def _left(found: Fit) -> float:
@@ -278,14 +271,9 @@ def _left(found: Fit) -> float:
     return left if found.noise.profiled else max(left, 1.0)
 
 
-def _covariance(found: Fit) -> Array:
-    """Return the covariance of a fit under the noise that it leaves."""
-    return found.covariance(stated=True) * _left(found)
-
-
 def _compared(one: _Expected, joint: Fit, gains: tuple[float, float], case: str) -> Carried:
     """Return the verdict on one finding by its size in another set."""
-    effect, before, (gain, unseen) = one.effects[0], one.c, gains
+    effect, before, (gain, unseen) = one.effects[0], np.asarray(one.weights @ one.numbers), gains
     c, spread = one.there(joint)
     both = spread + one.spread
     apart = _standard_errors(c - before, both)

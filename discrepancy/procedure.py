@@ -28,7 +28,6 @@ from calibench.discrepancy.fitting.fit import (
     keeping_fits,
     readings_of,
     thinned,
-    wider,
 )
 from calibench.discrepancy.fitting.rank import Held, Undetermined, determined, spread
 from calibench.discrepancy.formula import with_formula
@@ -39,7 +38,7 @@ from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, unknown_noise_of, words_of
-from calibench.discrepancy.noise.laws import NoiseFinding, is_of_noise
+from calibench.discrepancy.noise.laws import OF_NOISE, NoiseFinding
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.remarks import Search, notes_of
@@ -132,7 +131,7 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
         elif standing is not None:
             verdict = "noise"
     # verdict
-    rest = _rest(gap, final, selection.last) if not all(is_of_noise(f.family) for f in findings) else None
+    rest = _rest(gap, final, selection.last) if not all(f.family in OF_NOISE for f in findings) else None
     verdict = _short_of(verdict, rest)
     if findings and final.noise.profiled and not final.exact and selection.last.still < level:
         verdict = "partly"  # without repeats the noise is unknown, so only the tests can say whether something is left
@@ -261,8 +260,14 @@ def calibrated(whole: Formulation, rows: NDArray[np.bool_]) -> Calibrated:
     sound, suspects, no_noise, misstated = sound_fit(plain)
     noise, notes_of_noise = noise_at(sound, suspects, whole)
     base = sound if noise == sound.noise else fit(Model(plain.model.formulation), noise, sound.x, about=sound)
+    # the columns of the smooth terms, which no constraint reads
+    columns = smooth_columns(base.at.model.formulation, base.x)
+    model, there = (
+        replace(one, formulation=one.formulation.on(one.formulation.data.with_columns(columns)))
+        for one in (base.model, base.at.model)
+    )
     return Calibrated(
-        whole=whole, base=wider(base, smooth_columns(base.at.model.formulation, base.x)), lacking=lacking,
+        whole=whole, base=replace(base, model=model, at=replace(base.at, model=there)), lacking=lacking,
         suspects=suspects, no_noise=no_noise, notes_of_fit=notes_of_fit, misstated=misstated,
         notes_of_noise=notes_of_noise,
     )  # fmt: skip
@@ -277,9 +282,9 @@ def _report(search: Search, whole: Formulation, known: Catalogue) -> reports.Rep
     hidden, table = [], []
     ranked = best_of_each(first.names, first.on)
     for s in ranked:
-        effect, seen = s.effect, s.visible * uncancelled(s.effect, search.base)
+        effect, seen = s.effect, s.seen.visible * uncancelled(s.effect, search.base)
         least = smallest_amplitude(effect, s.energies, s.m, len(ranked))
-        if not s.m or s.visible < t.visible or seen < t.invisible:
+        if not s.m or s.seen.visible < t.visible or seen < t.invisible:
             hidden.append(reports.Invisible(s.name, effect.family, effect.target, seen, least, effect.unit))
         gain = delta_bic(s, first.on)
         table.append(
@@ -473,11 +478,12 @@ def in_order(machine: Machine, data: MeasuredData) -> Formulation:
     Rows keep their places when others are held out, or not searched: noise that is carried on fades in between.
     """
 
-    def placed(rows: MeasuredData) -> MeasuredData:
+    def ordered(rows: MeasuredData) -> MeasuredData:
+        rows = rows.rows(np.argsort(rows["t_s"], kind="stable")) if rows.has("t_s") else rows
         return rows.with_columns({PLACE: np.arange(len(rows), dtype=float)})
 
-    def ordered(rows: MeasuredData) -> MeasuredData:
-        return placed(rows.rows(np.argsort(rows["t_s"], kind="stable")) if rows.has("t_s") else rows)
-
     whole = validate(machine, data, ordered)
-    return whole if whole.data.has(PLACE) else whole.on(placed(whole.data))  # some machines make a table of their own
+    if whole.data.has(PLACE):
+        return whole
+    # some machines make a table of their own
+    return whole.on(whole.data.with_columns({PLACE: np.arange(len(whole.data), dtype=float)}))

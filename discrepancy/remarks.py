@@ -122,11 +122,13 @@ def bounds_in_words(out: Sequence[Parameter], ends: Mapping[str, float]) -> str:
 def outside_bounds(parameters: Iterable[Parameter], ends: Mapping[str, float]) -> tuple[Parameter, ...]:
     """Return the parameters that end outside their bounds, those first that are furthest in widths of their box."""
 
-    def beyond(p: Parameter) -> float:
+    out = []
+    for p in parameters:
         at = ends.get(p.name, p.lower)
-        return max(p.lower - at, at - p.upper) / max(p.upper - p.lower, _NARROW)
-
-    return tuple(sorted((p for p in parameters if beyond(p) > 0), key=lambda p: -beyond(p)))
+        beyond = max(p.lower - at, at - p.upper) / max(p.upper - p.lower, _NARROW)
+        if beyond > 0:
+            out.append((beyond, p))
+    return tuple(p for _, p in sorted(out, key=lambda one: -one[0]))
 
 
 def _told_of(formulation: Formulation, row: int) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
@@ -148,7 +150,24 @@ def _on_the_readings(search: Search) -> Iterator[Note]:
         )
         yield Note(Code.ONE_READING, text, names, rows, {"times": times})
     if (standing := search.standing) is not None:
-        yield _on_standing(standing, search)
+        # the rows that stand out, runs of them as "94 to 106"
+        runs = [str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in standing.runs]
+        shown = ", ".join(runs[:_RUNS])
+        shown += f" and {counted(len(runs) - _RUNS, 'place')} more" if len(runs) > _RUNS else ""
+        count, by = sum(map(len, standing.runs)), ""
+        if standing.sensor:
+            [sensor] = [s for s in formulation.sensors if s.column == standing.sensor]
+            scale, unit = _LIKE_A_READING.get(sensor.unit, (1.0, sensor.unit))
+            by = (
+                f", as errors of {standing.sensor} of {plain(scale * standing.size, 2)} {unit} would make them".rstrip()
+            )
+        text = (
+            f"row{'s' * (count > 1)} {shown} stand{'s' * (count == 1)} out: {plain(standing.times, 2)} times the noise "
+            f"off where no other rows are{by}; were they misread, or did something happen then?"
+        )
+        rows = tuple(str(k) for run in standing.runs for k in run)
+        columns = (standing.sensor,) if standing.sensor else ()
+        yield Note(Code.ROWS_STAND_OUT, text, columns, rows, {"times": standing.times})
     if levels := exact_readings(search.base):
         name, (count, times) = max(levels.items(), key=lambda one: one[1][1])
         inputs, measured = ", ".join(inputs_of(formulation)), ", ".join(formulation.readings)
@@ -177,25 +196,6 @@ def _on_the_readings(search: Search) -> Iterator[Note]:
             "of them out of the fit (split=hold) to test the names"
         )
         yield Note(Code.FEW_EQUATIONS, text, values={"equations": equations, "parameters": calibrated})
-
-
-def _on_standing(standing: Standing, search: Search) -> Note:
-    """Return the note on the rows that stand out, runs of them as "94 to 106"."""
-    runs = [str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in standing.runs]
-    shown = ", ".join(runs[:_RUNS]) + (f" and {counted(len(runs) - _RUNS, 'place')} more" if len(runs) > _RUNS else "")
-    count = sum(map(len, standing.runs))
-    by = ""
-    if standing.sensor:
-        [sensor] = [s for s in search.formulation.sensors if s.column == standing.sensor]
-        scale, unit = _LIKE_A_READING.get(sensor.unit, (1.0, sensor.unit))
-        by = f", as errors of {standing.sensor} of {plain(scale * standing.size, 2)} {unit} would make them".rstrip()
-    text = (
-        f"row{'s' * (count > 1)} {shown} stand{'s' * (count == 1)} out: {plain(standing.times, 2)} times the noise off "
-        f"where no other rows are{by}; were they misread, or did something happen then?"
-    )
-    rows = tuple(str(k) for run in standing.runs for k in run)
-    columns = (standing.sensor,) if standing.sensor else ()
-    return Note(Code.ROWS_STAND_OUT, text, columns, rows, {"times": standing.times})
 
 
 def on_the_findings(search: Search) -> Iterator[Note]:

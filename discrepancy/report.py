@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from math import isfinite, nan
@@ -401,10 +401,7 @@ class Report:
         for a missing input, `LookupError` for a report that was read from a file.
         """
         at, plain = self._fitted().model, self._fitted().before
-
-        def made() -> Machine | None:
-            known = machine or self._fitted().machine or (self.machine if self.machine in machines.names() else None)
-            return machines.make(known) if isinstance(known, str) else known
+        maker = machine or self._fitted().machine or (self.machine if self.machine in machines.names() else None)
 
         if not isinstance(readings, MeasuredData):
             if not callable(getattr(readings, "items", None)):
@@ -412,7 +409,7 @@ class Report:
                 raise DataError(f"readings is a {kind}: MeasuredData, or a mapping of name to numbers, is needed")
             readings = MeasuredData({name: np.atleast_1d(c) for name, c in readings.items()}, self.machine)
         with np.errstate(invalid="ignore"):  # what is not known of a row makes its prediction NaN
-            return predicted_at(at.model, at.best, at.fit.covariance(), plain.best, readings, made)
+            return predicted_at(at.model, at.best, at.fit.covariance(), plain.best, readings, maker)
 
     def __repr__(self) -> str:
         """Return the verdict in a line; `to_dict()` has everything."""
@@ -471,11 +468,11 @@ class Prediction:
 
 
 def predicted_at(
-    model: Model, x: Array, covariance: Array, start: Array, data: MeasuredData, machine: Callable[[], Machine | None]
+    model: Model, x: Array, covariance: Array, start: Array, data: MeasuredData, machine: str | Machine | None
 ) -> Prediction:
     """Return the prediction of `model` at `x`, with `covariance` (p, p), for `data`.
 
-    `start` are the parameters of the machine without effects, at which unnamed smooth functions were found. `machine()`
+    `start` are the parameters of the machine without effects, at which unnamed smooth functions were found. `machine`
     makes the columns of the model from those of a file, where they differ.
     """
     if not len(data):
@@ -525,7 +522,7 @@ def predicted_at(
 
 
 def _placed(
-    formulation: Formulation, data: MeasuredData, machine: Callable[[], Machine | None]
+    formulation: Formulation, data: MeasuredData, machine: str | Machine | None
 ) -> tuple[Formulation, dict[str, Array]]:
     """Return the formulation over new rows, and in which of them each reading has a value, (n,) of booleans."""
     n, fitted = len(data), formulation.data
@@ -544,7 +541,7 @@ def _placed(
     missing = [name for name in needed if name not in filled]
     if not missing:
         return formulation.on(filled), finite
-    maker = machine()
+    maker = machines.make(machine) if isinstance(machine, str) else machine
     if maker is None:
         raise DataError(f"{data.name}: no column {', '.join(missing)}; machine= makes it of a file's own columns")
     made = maker.formulate(filled).data

@@ -75,6 +75,14 @@ def pytest_runtestloop(session):
         registry.make(name).compile()
 
 
+@pytest.fixture(autouse=True, scope="session")
+def without_waits_for_the_disk():
+    """Let files be written without waiting for the disk: no folder of a test outlives a power cut."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda file: None)
+        yield
+
+
 @pytest.fixture
 def own_cache(tmp_path, monkeypatch):
     """Return a cache folder of its own, in which nothing is kept but the kernels, which take long to compile."""

@@ -179,33 +179,22 @@ def rows_apart(formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
     out, cells = np.zeros(len(data), dtype=bool), []
     for name in (name for name in dict.fromkeys(names) if name in data and data[name].dtype.kind in "iuf"):
         column = np.asarray(data[name], dtype=float)
-        apart = _apart(column)
-        if apart.any():
-            out |= apart
-            rest = column[~apart & np.isfinite(column)]
-            lie = f"all others lie between {plain(rest.min())} and {plain(rest.max())}"
-            cells.append(f"{name} is {column[apart][0]:.6g}, {lie}")
+        finite, few = np.flatnonzero(np.isfinite(column)), max(2, int(_FEW * len(column)))
+        if len(finite) < _LEAST + few:
+            continue
+        order = finite[np.argsort(np.abs(column[finite] - np.median(column[finite])), kind="stable")]
+        for k in range(1, few + 1):  # the k outermost values, against the rest: few cells, many ranges of it away
+            rest, others = column[order[:-k]], column[order[-k:]]
+            away = np.maximum(rest.min() - others, others - rest.max())
+            if (away > _FAR * np.ptp(rest)).all() and len(np.unique(rest)) >= _DIFFERENT:
+                out[order[-k:]] = True
+                lie = f"all others lie between {plain(rest.min())} and {plain(rest.max())}"
+                cells.append(f"{name} is {column[order[-k:].min()]:.6g}, {lie}")
+                break
     if not cells:
         return out, ""
     rows, them = data.rows_named(out), "them" if out.sum() > 1 else "it"
     return out, f"{rows} left out: {'; '.join(cells)}; correct {them}, or mark {them} valid=0"
-
-
-def _apart(column: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which cells of a column are far from all others, (n,): few cells, many ranges of the others away."""
-    apart = np.zeros(len(column), dtype=bool)
-    finite = np.flatnonzero(np.isfinite(column))
-    few = max(2, int(_FEW * len(column)))
-    if len(finite) < _LEAST + few:
-        return apart
-    order = finite[np.argsort(np.abs(column[finite] - np.median(column[finite])), kind="stable")]
-    for k in range(1, few + 1):  # the k outermost values, against the rest
-        rest, others = column[order[:-k]], column[order[-k:]]
-        away = np.maximum(rest.min() - others, others - rest.max())
-        if (away > _FAR * np.ptp(rest)).all() and len(np.unique(rest)) >= _DIFFERENT:
-            apart[order[-k:]] = True
-            return apart
-    return apart
 
 
 def entered(data: MeasuredData) -> MeasuredData:
@@ -403,9 +392,15 @@ def _counters(data: MeasuredData, rows: NDArray[np.intp], formulation: Formulati
     spoken_of = {*formulation.readings, *inputs_of(formulation), *roles.columns, roles.time}  # they may go by one a row
     counters = []
     for name in (name for name in data.columns if name not in spoken_of and name not in _BOOKKEEPING):
-        count = _counts(data[name]) if len(data) > 1 else None
-        if count is None:
+        column = data[name]
+        if column.dtype.kind not in "iuU" or len(data) < 2:
             continue
+        if column.dtype.kind == "U":  # words of one form, such as R17
+            found = [word for word in map(_NUMBERED.fullmatch, column.tolist()) if word]
+            if len(found) < len(data) or len({word[1] for word in found}) > 1:
+                continue
+            column = np.array([int(word[2]) for word in found], dtype=np.int64)
+        count = column.astype(np.int64)
         steps, apart = np.diff(count), np.diff(rows)
         if name in known or not (steps > 0).all():  # what has a meaning counts the rows only where it does one by one
             counts = (steps == 1).all() and data[name].dtype.kind in "iu"
@@ -415,18 +410,3 @@ def _counters(data: MeasuredData, rows: NDArray[np.intp], formulation: Formulati
         if counts:
             counters.append(name)
     return tuple(counters)
-
-
-def _counts(column: NDArray[Any]) -> NDArray[np.int64] | None:
-    """Return whole numbers, or those that words of one form end in, (n,); None for a column of anything else."""
-    if column.dtype.kind in "iu":
-        return column.astype(np.int64)
-    if column.dtype.kind != "U":
-        return None
-    forms, numbers = set(), []
-    for word in column.tolist():
-        if (found := _NUMBERED.fullmatch(word)) is None:
-            return None
-        forms.add(found[1])
-        numbers.append(int(found[2]))
-    return np.array(numbers, dtype=np.int64) if len(forms) == 1 else None

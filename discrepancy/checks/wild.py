@@ -24,7 +24,7 @@ from calibench.core.tables.cells import factors_near
 from calibench.core.words import plain
 from calibench.discrepancy.model.formulations import Predicted
 from calibench.discrepancy.model.machine import Formulation, Machine, Numbers
-from calibench.discrepancy.model.measured import DataError, MeasuredData, MisfitError
+from calibench.discrepancy.model.measured import DataError, MeasuredData, MisfitError, kinds_of
 from calibench.discrepancy.model.model import Model, weighted_fit
 from calibench.discrepancy.model.roles import inputs_of, roles_of, unknown_noise_of
 from calibench.discrepancy.registries import description_of
@@ -134,7 +134,7 @@ def refuse_wild(formulation: Formulation) -> None:
         misfit = _misfit(few, q)
         if not misfit > _FAR or getattr(few, "of_rows", None) is not None:  # a simulator: hundreds of calls
             continue
-        cures = [one for one in (*_cures(few, q), *_moved(kind)) if one[1] < min(_NEAR, misfit / _BETTER)]
+        cures = [one for one in _cures(few, q, kind) if one[1] < min(_NEAR, misfit / _BETTER)]
         if not cures:
             continue
         best = min(left for _, left in cures)
@@ -282,7 +282,7 @@ def _misfit(formulation: Formulation, q: Mapping[str, Numbers]) -> float:
     return float(np.max(shares))
 
 
-def _cures(formulation: Formulation, q: Mapping[str, Numbers]) -> Iterator[Cure]:
+def _cures(formulation: Formulation, q: Mapping[str, Numbers], whole: Formulation) -> Iterator[Cure]:
     kinds: dict[tuple[str, str], list[str]] = {}
     for sensor in formulation.sensors:
         unit = sensor.unit or formulation.data.units.get(sensor.column, "")
@@ -319,17 +319,14 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers]) -> Iterator[Cure]
     for name, unit in unit_of.items():
         if unit in ("rad", ""):
             yield _shifted(formulation, q, name, "" if own_units and not unit else " rad")
-
-
-def _moved(formulation: Formulation) -> Iterator[Cure]:
-    """Yield the changes in which one kind of column is shifted by a row: two files that were put side by side."""
-    few = formulation.on(formulation.data.rows(np.arange(min(len(formulation.data), _ROWS))))
-    q, inputs = _start(few), inputs_of(few)
-    kinds = [[s.column for s in few.sensors if s.kind == kind] for kind in dict.fromkeys(s.kind for s in few.sensors)]
-    groups = [list(inputs)] if inputs else kinds
-    for names in groups if inputs or len(kinds) > 1 else []:
+    # one kind of column is shifted by a row: two files that were put side by side
+    first = whole.on(whole.data.rows(np.arange(min(len(whole.data), _ROWS))))
+    at, inputs = _start(first), inputs_of(first)
+    alike = kinds_of(first.sensors)
+    sides = [tuple(inputs)] if inputs else [tuple(sensor.column for sensor in kind) for kind in alike]
+    for names in sides if inputs or len(sides) > 1 else []:
         for rows, after, late in ((1, "after", "late"), (-1, "before", "early")):
-            misfit = _misfit(few, {**q, **{name: np.roll(q[name], -rows) for name in names}})
+            misfit = _misfit(first, {**at, **{name: np.roll(at[name], -rows) for name in names}})
             yield f"if {', '.join(names)} are taken from the row {after}: they come a row {late}", misfit
 
 

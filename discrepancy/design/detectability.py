@@ -122,7 +122,11 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
     for name, rest in rests.items():
         effect = forms[name][0]
         shown = [r for r in rest if r.fraction >= thresholds().invisible] or rest
-        least = float(np.median([r.least(candidates) for r in shown]))
+        sizes = []  # that a search over the candidates would find, in the effect's unit
+        for r in shown:
+            energies = np.array([float(column @ column) for column in r.projected.T])
+            sizes.append(smallest_amplitude(r.effect, energies, r.directions.shape[1], candidates))
+        least = float(np.median(sizes))
         fraction = float(np.median([r.fraction for r in shown]))
         found.append(Detectability(
             effect=name, family=effect.family, target=effect.target, unit=effect.unit, visible_fraction=fraction,
@@ -163,11 +167,6 @@ class ProjectedSignature:
     projected: Array
     directions: Array
     fraction: float
-
-    def least(self, candidates: int) -> float:
-        """Return the amplitude that a search over `candidates` would find, in the effect's unit."""
-        energies = np.array([float(column @ column) for column in self.projected.T])
-        return smallest_amplitude(self.effect, energies, self.directions.shape[1], candidates)
 
 
 class WhitenedDesign:

@@ -74,13 +74,21 @@ def pattern_of(target: str, weights: Array, chance: Array, columns: Mapping[str,
     size = weights[far]
     names, found = [], []
     for name, values in columns.items():
-        basis = _shape(values)
-        if basis.shape[1]:
-            sums = np.stack([column[places] @ size for column in basis.T], axis=-1)  # (draws, terms)
-            away = sums - sums.mean(axis=0)
-            spread = away.std(axis=0)
-            names.append(name)
-            found.append(((away / np.where(spread > 0, spread, 1.0)) ** 2).sum(axis=1))
+        finite = np.isfinite(values)
+        distinct, place = np.unique(np.where(finite, values, np.nan), return_inverse=True, equal_nan=True)
+        if len(distinct) < 2:
+            continue
+        # columns in which a dependence on the values shows, (m, k): groups, or a curve over their ranks
+        if len(distinct) <= _LEVELS:
+            basis = np.asarray(place.ravel()[:, None] == np.arange(1, len(distinct)), dtype=float)
+        else:
+            ranks = place.ravel().astype(float)
+            basis = np.where(finite[:, None], curve(ranks, 0.0, float(ranks.max()), _TERMS + 1)[:, 1:], 0.0)
+        sums = np.stack([column[places] @ size for column in basis.T], axis=-1)  # (draws, terms)
+        away = sums - sums.mean(axis=0)
+        spread = away.std(axis=0)
+        names.append(name)
+        found.append(((away / np.where(spread > 0, spread, 1.0)) ** 2).sum(axis=1))
     order = np.argsort(columns[PLACE], kind="stable")
     follow = np.empty(_DRAWN + 1)
     for k, place in enumerate(places):
@@ -95,18 +103,6 @@ def pattern_of(target: str, weights: Array, chance: Array, columns: Mapping[str,
     most = beyond.max(axis=0)
     p = float((most >= most[0]).mean())
     return Pattern(target, names[int(np.argmax(beyond[:, 0]))], p) if p <= thresholds().wild_carried else None
-
-
-def _shape(values: Array) -> Array:
-    """Return columns, (m, k), in which a dependence on values, (m,), shows: groups, or a curve over their ranks."""
-    finite = np.isfinite(values)
-    distinct, place = np.unique(np.where(finite, values, np.nan), return_inverse=True, equal_nan=True)
-    if len(distinct) < 2:
-        return np.zeros((len(values), 0))
-    if len(distinct) <= _LEVELS:
-        return np.asarray(place.ravel()[:, None] == np.arange(1, len(distinct)), dtype=float)
-    ranks = place.ravel().astype(float)
-    return np.where(finite[:, None], curve(ranks, 0.0, float(ranks.max()), _TERMS + 1)[:, 1:], 0.0)
 
 
 @final
@@ -148,7 +144,14 @@ def standing_out(final: Fit, unseen: Formulation | None) -> Standing | None:
     r = final.r.reshape(len(fitted.data), -1)
     parts = [(r, fitted)]
     if unseen is not None and not final.noise.autocorrelation:
-        parts.append((_unseen(final, unseen), unseen))
+        # in units that hold the doubt of the parameters as well
+        extra = {name: variance for name, variance in final.noise.extra.items() if np.ndim(variance) == 0}
+        model = Model(unseen, final.model.effects)
+        readings = readings_of(model)
+        at = linearise(model, Noise(extra=extra), final.x, readings, readings)
+        beyond, J = at.whiten(at.misclosure), at.whiten(at.columns)
+        share = np.einsum("np,pq,nq->n", J, final.covariance(stated=True), J)
+        parts.append(((beyond / np.sqrt(1 + np.maximum(share, 0.0))).reshape(len(unseen.data), -1), unseen))
     left = np.concatenate([one for one, _ in parts])
     each = [rows.data for _, rows in parts]
     numbers = np.concatenate([data.row_numbers for data in each])
@@ -165,21 +168,10 @@ def standing_out(final: Fit, unseen: Formulation | None) -> Standing | None:
     if not runs:
         return None
     rows = np.concatenate(runs)
-    times = float(np.sqrt(np.mean(_nonzero(left[rows]) ** 2))) / _core(left[others])
+    times = float(np.sqrt(np.mean(left[rows][left[rows] != 0] ** 2))) / _core(left[others])
     sensor, size = _sensor(final, [run[run < len(r)] for run in runs])
     named = tuple(tuple(sorted(numbers[run].tolist())) for run in runs)
     return Standing(named, times, sensor, size, others[: len(r)])
-
-
-def _unseen(final: Fit, unseen: Formulation) -> Array:
-    """Return the residuals of unseen rows in units that hold the doubt of the parameters as well, (n, c)."""
-    extra = {name: variance for name, variance in final.noise.extra.items() if np.ndim(variance) == 0}
-    model = Model(unseen, final.model.effects)
-    readings = readings_of(model)
-    at = linearise(model, Noise(extra=extra), final.x, readings, readings)
-    r, J = at.whiten(at.misclosure), at.whiten(at.columns)
-    share = np.einsum("np,pq,nq->n", J, final.covariance(stated=True), J)
-    return np.asarray((r / np.sqrt(1 + np.maximum(share, 0.0))).reshape(len(unseen.data), -1))
 
 
 def _sensor(final: Fit, runs: Sequence[Rows]) -> tuple[str, float]:
@@ -207,34 +199,10 @@ def _sensor(final: Fit, runs: Sequence[Rows]) -> tuple[str, float]:
     return first, float(np.sqrt(np.mean(np.square(errors[first]))))
 
 
-def _nonzero(r: Array) -> Array:
-    """Return the residuals as one array, without those of columns in which a row of another kind leaves nothing."""
-    return np.asarray(r[r != 0])
-
-
 def _core(r: Array) -> float:
     """Return the standard deviation of most residuals, told by the middle of their sizes."""
-    found = _nonzero(r)
+    found = r[r != 0]
     return 1.4826 * float(np.median(np.abs(found))) if found.size else 1.0
-
-
-def far_off(r: Array, sound: Mask) -> Array:
-    """Return the chance of each row of whitened residuals, (n, c), to lie so far off by noise, (n,).
-
-    The law is a Gaussian or a t law, whichever is likelier, with the width of the middle of the `sound` rows, (n,).
-    """
-    flat = _nonzero(r[sound])
-    if len(flat) < _FEWEST:
-        return np.ones(len(r))
-    core = _core(flat)
-    law, likely = Noise(core), 2 * Noise(core).loglikelihood(flat) + thresholds().tails_gain
-    for tail in TAILS:
-        t = Noise(float(np.sqrt(variance(flat, tail))), 0.0, tail)
-        if 2 * t.loglikelihood(flat) > likely:
-            law, likely = t, 2 * t.loglikelihood(flat)
-    one = np.abs(r) / law.core
-    beyond = 2 * (stdtr(law.t_degrees, -one) if np.isfinite(law.t_degrees) else ndtr(-one))
-    return np.asarray(-np.expm1(r.shape[1] * np.log1p(-np.minimum(beyond.min(axis=1), 1 - 1e-12))))
 
 
 def standing_rows(r: Array, sound: Mask) -> Rows:
@@ -243,9 +211,21 @@ def standing_rows(r: Array, sound: Mask) -> Rows:
     A row stands out by itself, or with others close to it: the furthest of all rows, as many as they are, lie anywhere
     if they are noise, so how many of them lie in a window has a hypergeometric law, whatever the law of the noise is.
     """
-    n, p = int(sound.sum()), np.where(sound, far_off(r, sound), 1.0)
-    if n < _FEWEST:
+    n, flat = int(sound.sum()), r[sound][r[sound] != 0]
+    if n < _FEWEST or len(flat) < _FEWEST:
         return np.empty(0, dtype=int)
+    # the chance of each row to lie so far off by noise, (n,), by a Gaussian or a t law, whichever is likelier, with the
+    # width of the middle of the `sound` rows
+    core = _core(flat)
+    law, likely = Noise(core), 2 * Noise(core).loglikelihood(flat) + thresholds().tails_gain
+    for tail in TAILS:
+        t = Noise(float(np.sqrt(variance(flat, tail))), 0.0, tail)
+        if 2 * t.loglikelihood(flat) > likely:
+            law, likely = t, 2 * t.loglikelihood(flat)
+    one = np.abs(r) / law.core
+    beyond = 2 * (stdtr(law.t_degrees, -one) if np.isfinite(law.t_degrees) else ndtr(-one))
+    p = -np.expm1(r.shape[1] * np.log1p(-np.minimum(beyond.min(axis=1), 1 - 1e-12)))
+    p = np.where(sound, p, 1.0)
     size = np.abs(r).max(axis=1) / _core(r[sound])
     chosen = p * n < _ALONE
     cuts = [np.partition(p[sound], k)[k] for k in sorted({max(2, int(share * n)) for share in _FURTHEST})]

@@ -237,13 +237,15 @@ def sound_fit(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[Pattern,
     wild = [s.extra for s in outside if s.family == "outlier"]
     if wild:
         at = fit(plain.model, Noise(extra=_sum(at.noise.extra, *wild)), at.x)
-    return at, (*suspects, *outside), no_noise, notes if _stated(plain.model.formulation) else ()
+    stated = len(unknown_noise_of(formulation)) < len(formulation.readings)
+    return at, (*suspects, *outside), no_noise, notes if stated else ()
 
 
 def law_at(at: Fit) -> tuple[Noise, Repeats, tuple[Note, ...]]:
     """Return the law of the noise that repeats show in what a fit leaves, the repeats, and remarks on it."""
     formulation = at.model.formulation
-    return law_of(at.r.reshape(len(formulation.data), -1), formulation.data, _stated(formulation))
+    stated = len(unknown_noise_of(formulation)) < len(formulation.readings)
+    return law_of(at.r.reshape(len(formulation.data), -1), formulation.data, stated)
 
 
 def noise_at(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) -> tuple[Noise, tuple[Note, ...]]:
@@ -255,7 +257,7 @@ def noise_at(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) -
     if any(s.family == "quantisation" for s in suspects):
         noise, remarks = Noise(), ()  # coarse readings repeat the same value, so repeats tell nothing about their noise
     noise = replace(noise, extra=sound.noise.extra)
-    if unknown and (_stated(whole) or not noise.from_repeats):
+    if unknown and (len(unknown) < len(whole.readings) or not noise.from_repeats):
         behind = max(len(unknown) * told_by_middle(len(data), sound.J.shape[1] / len(whole.readings)), repeats.n_pairs)
         noise = replace(noise, profiled=True, known=min(noise.known, behind))
     return noise, remarks
@@ -298,10 +300,6 @@ def learned_beside(at: Fit, suspects: Sequence[NoiseFinding]) -> tuple[Formulati
     added, _ = sensor_scales(calm)
     calm = fit(model, Noise(extra=_sum(added, blamed)), at.x) if added else calm
     return (formulation, *noise_at(calm, suspects, formulation))
-
-
-def _stated(formulation: Formulation) -> bool:
-    return len(unknown_noise_of(formulation)) < len(formulation.readings)
 
 
 def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:
@@ -405,13 +403,12 @@ def exact_readings(at: Fit) -> dict[str, tuple[int, float]]:
         count = int(level.max()) + 1
         if not rms > 0 or count < 2 or len(y) < _LEAST_EACH * count:
             continue
-        own, scatter = _within(y, level, count), _within(left, level, count)
+        within = []
+        for values in (y, left):
+            means = np.bincount(level, values, count) / np.bincount(level, minlength=count)
+            within.append(float(np.sqrt(np.mean((values - means[level]) ** 2))))
+        own, scatter = within
         nearest = float(gaps[gaps > 2 * rms].min())
         if own <= _STILL * scatter and scatter >= _MOSTLY * rms and nearest >= _APART * scatter:
             found[name] = (count, scatter / max(own, 1e-3 * scatter))
     return found
-
-
-def _within(values: Array, level: Array, count: int) -> float:
-    means = np.bincount(level, values, count) / np.bincount(level, minlength=count)
-    return float(np.sqrt(np.mean((values - means[level]) ** 2)))

@@ -65,10 +65,6 @@ class Scored:
         return name_of(self.effect)
 
     @property
-    def visible(self) -> float:
-        return self.seen.visible
-
-    @property
     def energies(self) -> Array:
         """Return the energy of what calibration leaves of a unit of each coefficient, in sigma squared, (k,)."""
         seen = self.seen
@@ -177,20 +173,6 @@ def signatures(fit: Fit, changes: Mapping[str, Array]) -> Array:
     return fit.at.whiten(signature_of(changes, fit.at.slopes, fit.at.model.formulation))
 
 
-def _columns(fit: Fit, effects: Sequence[Effect]) -> Array:
-    """Return the whitened signatures of K effects of as many coefficients each, (N, K, k), whitened at once."""
-    at, zero = fit.at, np.zeros(len(effects[0].coefficients))
-    formulation = at.model.formulation
-    raw = np.empty((*at.misclosure.shape, len(effects), len(zero)))
-    for j, effect in enumerate(effects):
-        change = effect.basis(at.recorded, formulation.data, zero)
-        (first, moved), *more = change.items()
-        np.multiply(at.slopes[first][:, :, None], moved[:, None, :], out=raw[:, :, j])
-        for name, moved in more:
-            raw[:, :, j] += at.slopes[name][:, :, None] * moved[:, None, :]
-    return at.whiten(formulation.decorrelate(raw))
-
-
 def uncancelled(effect: Effect, fit: Fit) -> float:
     """Return the length of an effect's signature over the lengths of its parts, one for each quantity that it changes.
 
@@ -265,7 +247,7 @@ def score_all(
     if len(on.y) >= thresholds().drawn_rows:
         return _by_sums(fit, on, effects, least)
     found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
-    wide = fit.at.misclosure.shape[1]
+    at, data, wide = fit.at, fit.at.model.formulation.data, fit.at.misclosure.shape[1]
     summed = [place for place, one in enumerate(effects) if sums and (wide > 1 or has_free_period(one))]
     for place, one in zip(summed, _by_sums(fit, on, [effects[place] for place in summed], least) if summed else ()):
         found[place] = one
@@ -277,7 +259,14 @@ def score_all(
     for k, places in by_size.items():
         for start in range(0, len(places), max(1, most // k)):
             some = places[start : start + max(1, most // k)]
-            D = _columns(fit, [effects[place] for place in some])
+            # the whitened signatures of these, (N, K, k), at once
+            raw = np.empty((*at.misclosure.shape, len(some), k))
+            for j, tried in enumerate(effects[place] for place in some):
+                (first, moved), *more = tried.basis(at.recorded, data, np.zeros(k)).items()
+                np.multiply(at.slopes[first][:, :, None], moved[:, None, :], out=raw[:, :, j])
+                for name, moved in more:
+                    raw[:, :, j] += at.slopes[name][:, :, None] * moved[:, None, :]
+            D = at.whiten(at.model.formulation.decorrelate(raw))
             for place, (seen, z) in zip(some, _seen(on, D, least, bases)):
                 found[place] = _scored(fit, on, effects[place], seen, z), seen.U
     return found

@@ -7,7 +7,7 @@ remaining noise does not correlate with the residual. `docs/discovery-statistics
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
@@ -15,7 +15,6 @@ from hashlib import blake2b
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve, lstsq, qr
 from scipy.special import stdtrit
 
@@ -62,7 +61,8 @@ class Linearised:
     @property
     def lean(self) -> Linearised:
         """Return the same without the slopes that were computed so far: a search holds many fits at once."""
-        return replace(self, slopes=self.slopes.anew()) if isinstance(self.slopes, Slopes) else self
+        slopes = self.slopes
+        return replace(self, slopes=Slopes(slopes.names, slopes.one)) if isinstance(slopes, Slopes) else self
 
 
 @final
@@ -152,7 +152,11 @@ def fit(
         left, moved = at.misclosure + columns @ step, J @ step
         still = bool(np.sqrt(np.mean(moved**2)) < thresholds().step_still * noise.scale)
         converged = still and adjusted is not readings  # slopes at the unadjusted readings do not decide convergence
-        adjusted = readings - _noise_of(at, left, noise)
+        # less the noise as the misclosure tells it, row by row: Sigma B^T (B Sigma B^T)^-1 f, (n, k)
+        scaled = at.reading_slopes * at.sigma[:, None, :]
+        covariance, right = scaled @ scaled.transpose(0, 2, 1), left[:, :, None]
+        pull = right / covariance if covariance.shape[1] == 1 else np.linalg.solve(covariance, right)
+        adjusted = readings - np.asarray((scaled.transpose(0, 2, 1) @ pull)[:, :, 0] * at.sigma)
         if converged:
             break
     return fit_at(model, noise, x, adjusted, converged)
@@ -166,35 +170,16 @@ def fit_at(model: Model, noise: Noise, x: Array, adjusted: Array, converged: boo
     return Fit(model, x, noise, at.lean, r, J, converged)
 
 
-def rests(found: Fit) -> bool:
-    """Return whether a further step is as small as the last step of a converged fit."""
-    step = _step(found.r, found.J, found.noise)
-    return bool(np.sqrt(np.mean((found.J @ step) ** 2)) < thresholds().step_still * found.noise.scale)
-
-
-def wider(found: Fit, extra: Mapping[str, Array]) -> Fit:
-    """Return a fit whose data have `extra` columns, (n,) each, that no constraint reads."""
-    model, there = (
-        replace(one, formulation=one.formulation.on(one.formulation.data.with_columns(extra)))
-        for one in (found.model, found.at.model)
-    )
-    return replace(found, model=model, at=replace(found.at, model=there))
-
-
-def _of_rows(model: Model, noise: Noise, some: NDArray[np.int_]) -> tuple[Model, Noise]:
-    extra = {name: v if np.ndim(v) == 0 else np.asarray(v)[some] for name, v in noise.extra.items()}
-    formulation = model.formulation
-    return Model(formulation.on(formulation.data.rows(some)), model.effects), replace(noise, extra=extra)
-
-
 def thinned(found: Fit) -> Fit:
     """Return a fit at `drawn_rows` of its residuals, evenly spaced: of very many, a part tells the same."""
     n, c = found.at.misclosure.shape
     some = np.unique(np.linspace(0, n - 1, min(n, thresholds().drawn_rows // c)).round().astype(int))
     if len(some) == n:
         return found
-    model, noise = _of_rows(found.model, found.noise, some)
-    return fit_at(model, noise, found.x, readings_of(found.at.model)[some], found.converged)
+    extra = {name: v if np.ndim(v) == 0 else np.asarray(v)[some] for name, v in found.noise.extra.items()}
+    formulation = found.model.formulation
+    model = Model(formulation.on(formulation.data.rows(some)), found.model.effects)
+    return fit_at(model, replace(found.noise, extra=extra), found.x, readings_of(found.at.model)[some], found.converged)
 
 
 def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: Array) -> Linearised:
@@ -230,15 +215,6 @@ def readings_of(model: Model) -> Array:
 def reading_order(data: MeasuredData) -> Array:
     """Return the place of each row in the order of reading, shape (n,)."""
     return np.asarray(data[PLACE]) if data.has(PLACE) else np.arange(len(data), dtype=float)
-
-
-def _noise_of(at: Linearised, misclosure: Array, noise: Noise) -> Array:
-    """Return the readings' noise as estimated from the misclosure, row by row: Sigma B^T (B Sigma B^T)^-1 f, (n, k)."""
-    scaled = at.reading_slopes * at.sigma[:, None, :]
-    covariance = scaled @ scaled.transpose(0, 2, 1)
-    right = misclosure[:, :, None]
-    pull = right / covariance if covariance.shape[1] == 1 else np.linalg.solve(covariance, right)
-    return np.asarray((scaled.transpose(0, 2, 1) @ pull)[:, :, 0] * at.sigma)
 
 
 def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
@@ -452,18 +428,18 @@ class _End:
     alive: tuple[Any, ...]
 
 
-_ENDS: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("ends", default=None)
+ENDS: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("ends", default=None)  # None outside `keeping_fits`
 _ANY_SCALE: ContextVar[bool] = ContextVar("any scale", default=False)
 
 
 @contextmanager
 def keeping_fits() -> Iterator[None]:
     """Inside the block, remember where the fits of `fit_once` end."""
-    before = _ENDS.set({})
+    before = ENDS.set({})
     try:
         yield
     finally:
-        _ENDS.reset(before)
+        ENDS.reset(before)
 
 
 @contextmanager
@@ -476,18 +452,6 @@ def at_any_scale() -> Iterator[None]:
         _ANY_SCALE.reset(before)
 
 
-def made_once(of: tuple[Any, ...], make: Callable[[], Fit]) -> Fit:
-    """Return the fit that `make` makes `of` some objects; inside `keeping_fits`, the one that it made before."""
-    ends = _ENDS.get()
-    if ends is None:
-        return make()
-    key = tuple(map(id, of))
-    if key not in ends:
-        ends[key] = make(), of  # kept alive, as ids are those of live objects
-    made: Fit = ends[key][0]
-    return made
-
-
 def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, about: Fit | None = None) -> Fit:
     """Return what `fit` returns; a fit that was made before from this start is not made again.
 
@@ -496,7 +460,7 @@ def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, abo
     ended there too. A fit that did not converge near its start under a wider noise does not do so under a narrower one.
     Where only names are asked for (`at_any_scale`), no further step is.
     """
-    ends = _ENDS.get()
+    ends = ENDS.get()
     if ends is None or np.isfinite(noise.t_degrees):
         return fit(model, noise, start, near=near, about=about)
     digest = blake2b(digest_size=16)
@@ -510,7 +474,10 @@ def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, abo
     same = end is not None and (_ANY_SCALE.get() or end.scale == noise.scale)
     if end is not None and (end.converged or same or (near and end.scale > noise.scale)):
         found = fit_at(model, noise, end.x, end.adjusted, end.converged)
-        if not end.converged or same or rests(found):
+        if not end.converged or same:
+            return found
+        step = _step(found.r, found.J, noise)
+        if np.sqrt(np.mean((found.J @ step) ** 2)) < thresholds().step_still * noise.scale:
             return found
     found = fit(model, noise, start, near=near, about=about)
     ends[key] = _End(found.x, readings_of(found.at.model), noise.scale, found.converged, alive)

@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from calibench.discrepancy.formula.grammar import LETTERS, SMOOTH_NUMBERS, Run, Term, formula_text
+from calibench.discrepancy.formula.grammar import LETTERS, Run, Term, formula_text
 from calibench.discrepancy.model.effect import size
 from calibench.discrepancy.model.machine import Quantities
 from calibench.discrepancy.model.measured import MeasuredData
@@ -85,16 +85,6 @@ class FormulaEffect:
             start = self.terms[i].atoms[j].number
             moved.setdefault(i, {})[j] = start * (1 + max(float(part), -0.9))
         return tuple(term.with_numbers(moved.get(i, {})) for i, term in enumerate(self.terms))
-
-
-def free_numbers(terms: Sequence[Term]) -> tuple[tuple[int, int], ...]:
-    """Return the numbers that are fitted with the sizes: those with a derivative, and no whole number of turns."""
-    return tuple(
-        (i, j)
-        for i, term in enumerate(terms)
-        for j, atom in enumerate(term.atoms)
-        if atom.shape in SMOOTH_NUMBERS and not (atom.unit == "rad" and atom.number == round(atom.number))
-    )
 
 
 def class_of(terms: Sequence[Term], units: Sequence[str], machine: str) -> str:

@@ -8,7 +8,7 @@ added to the model only where it predicts left-out poses, and left-out blocks of
 do; beside it these may take what it leaves.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import nan
@@ -21,7 +21,7 @@ from scipy.optimize import minimize
 from calibench.discrepancy.diagnostics.score import ProjectedScores, family_wise, projected_scores, signatures
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, products
 from calibench.discrepancy.fitting.fit import Fit, fit, orthonormal, predicted, reading_order, thinned
-from calibench.discrepancy.formula.effect import FormulaEffect, class_of, free_numbers
+from calibench.discrepancy.formula.effect import FormulaEffect, class_of
 from calibench.discrepancy.formula.grammar import LETTERS, SMOOTH_NUMBERS, Atom, Run, Term, formula_text
 from calibench.discrepancy.labels import quantity_of
 from calibench.discrepancy.model.machine import Formulation
@@ -103,20 +103,17 @@ def with_formula(
     order = np.argsort(np.argsort(reading_order(formulation.data), kind="stable"), kind="stable")
     fifths: Array = np.asarray(order * count // max(len(order), 1))
     blocks = (folds(formulation.data, count), fifths)
-
-    def errors(one: Fit) -> list[float]:
-        return [float(np.sum(left_out(one, fold) ** 2)) for fold in blocks]
-
-    old, better = errors(smooth), []
-    for one in (at, beside) if beside is not at else (at,):
-        new = errors(one)
+    tried = (smooth, at, beside) if beside is not at else (smooth, at)
+    errors = [[float(np.sum(left_out(one, fold) ** 2)) for fold in blocks] for one in tried]
+    old, better = errors[0], []
+    for one, new in zip(tried[1:], errors[1:]):
         if new[0] <= old[0] and sum(new) < sum(old):
             better.append(one)
     if not better or not _predicts(ground, best, whole, free, seed):
         return smooth, None
     final = better[0]
     if len(better) == 2:  # smooth functions of the rest stay where they add more than chance
-        gained = min(a - b for a, b in zip(errors(at), errors(beside)))
+        gained = min(a - b for a, b in zip(errors[1], errors[2]))
         final = beside if gained > 2 * np.log(len(ground.r)) else at
     return final, _told(final, ground, best, rivals, units, search)
 
@@ -154,7 +151,25 @@ def _answer_of(ground: Fit, whole: Formulation, seed: int, again: bool = True) -
             return None
         best, rivals = found
         units = tuple(unit for term in best.terms for unit in (term.unit_of(search.unit(term.quantity)),) * term.sizes)
-        at = _fitted(ground, best.terms, units, search.run, about)
+        # the fit with the formula, the numbers that have a derivative, and are no whole number of turns, fitted too
+        # where that leads to a minimum
+        numbers = tuple(
+            (i, j)
+            for i, term in enumerate(best.terms)
+            for j, atom in enumerate(term.atoms)
+            if atom.shape in SMOOTH_NUMBERS and not (atom.unit == "rad" and atom.number == round(atom.number))
+        )
+        at: Fit | None = None
+        for free in dict.fromkeys((numbers, ())):
+            effect = FormulaEffect(best.terms, search.run, units, free)
+            x = np.concatenate([about.x, np.zeros(len(effect.coefficients))])
+            held = FormulaEffect(best.terms, search.run, units)
+            first = fit(ground.model.with_effects(held), ground.noise, x[: len(x) - len(free)])
+            x[: len(first.x)] = first.x
+            trial = fit(ground.model.with_effects(effect), ground.noise, x) if free else first
+            if np.isfinite(trial.cost) and trial.cost <= min(first.cost * (1 + 1e-6), ground.cost):
+                at = trial
+                break
         if at is None:
             return None
         # a large error bends the fit without it: slopes are taken again where the formula brought the machine
@@ -162,15 +177,13 @@ def _answer_of(ground: Fit, whole: Formulation, seed: int, again: bool = True) -
         gained = part * ground.noise.gained(ground.cost, at.cost, at.degrees)
         if not again or abs(gained - search.first.gain(best.T, 1)) < _WITHIN:
             return at, best, rivals, units, search
-        again = False
-        about = _without(at, len(ground.x), len(units))
-        search = _Search(_without(thinned(at), len(ground.x), len(units)), whole)
-
-
-def _without(at: Fit, p: int, sizes: int) -> Fit:
-    """Return a fit of p numbers and a formula with so many `sizes` as it is without the formula, to first order."""
-    model, k = Model(at.model.formulation, at.model.effects[:-1]), p + sizes
-    return replace(at, model=model, x=at.x[:p], r=at.r - at.J[:, p:k] @ at.x[p:k], J=at.J[:, :p])
+        again, p, k = False, len(ground.x), len(ground.x) + len(units)
+        without = []  # the formula, to first order
+        for one in (at, thinned(at)):
+            model = Model(one.model.formulation, one.model.effects[:-1])
+            r = one.r - one.J[:, p:k] @ one.x[p:k]
+            without.append(replace(one, model=model, x=one.x[:p], r=r, J=one.J[:, :p]))
+        about, search = without[0], _Search(without[1], whole)
 
 
 def _predicts(ground: Fit, best: _Found, whole: Formulation, free: Sequence[SmoothTerm], seed: int) -> bool:
@@ -189,30 +202,11 @@ def _predicts(ground: Fit, best: _Found, whole: Formulation, free: Sequence[Smoo
     smooth, found = fit_smooth(part, tuple(free)), _answer_of(part, whole, seed, again=False)
     if found is None:
         return False
-
-    def errors(one: Fit) -> Array:
-        return np.asarray((noise.scores(predicted(one.model, one.x, rest, Noise())) ** 2).sum(axis=1))
-
-    at, before = found[0], errors(smooth)
-    gained = [before - errors(one) for one in (at, fit_smooth(at, tuple(free)))]
+    tried = (smooth, found[0], fit_smooth(found[0], tuple(free)))
+    errors = [(noise.scores(predicted(one.model, one.x, rest, Noise())) ** 2).sum(axis=1) for one in tried]
+    gained = [np.asarray(errors[0] - one) for one in errors[1:]]
     sure = 0.0 if found[1].structure == best.structure else _SURE  # one that is found twice is hardly chance
     return any(float(g.sum()) > sure * float(np.sqrt(np.sum(g**2))) for g in gained)
-
-
-def _fitted(
-    ground: Fit, terms: tuple[Term, ...], units: tuple[str, ...], run: Run, about: Fit
-) -> Fit | None:  # fmt: skip
-    """Return the fit with a formula, its numbers fitted too where that leads to a minimum; None where nothing does."""
-    for free in dict.fromkeys((free_numbers(terms), ())):
-        effect = FormulaEffect(terms, run, units, free)
-        x = np.concatenate([about.x, np.zeros(len(effect.coefficients))])
-        held = FormulaEffect(terms, run, units)
-        first = fit(ground.model.with_effects(held), ground.noise, x[: len(x) - len(free)])
-        x[: len(first.x)] = first.x
-        one = fit(ground.model.with_effects(effect), ground.noise, x) if free else first
-        if np.isfinite(one.cost) and one.cost <= min(first.cost * (1 + 1e-6), ground.cost):
-            return one
-    return None
 
 
 def _told(
@@ -270,15 +264,32 @@ class _Search:
         self.apart = self.formulation.decorrelate(rows) is rows and at.whiten.band is None
         self.columns: dict[str, _Column] = {}
         read: dict[str, Array] = {}
-        for column in map(self._column, self._names()):
+        roles, data = roles_of(self.formulation), self.formulation.data
+        names = [*(j.reading for j in roles.joints), *columns_of(roles)]
+        names += [name for one in self.formulation.covariates(at.recorded).values() for name in one]
+        known = {*self.run.columns, *self.formulation.readings}
+        names = [n for n in dict.fromkeys(names) if n in data and (n in known or data[n].dtype.kind in "iuf")]
+        for column in map(self._column, names):
             if column is None:
                 continue
             # no two columns that say the same: a temperature in two units, an angle and where it leads
             u = self.run.read(column.name, self.q, self.data)
             if not any(abs(np.corrcoef(u, v)[0, 1]) > _ALIKE for v in read.values()):
                 self.columns[column.name], read[column.name] = column, u
-        self.parts = self._parts()
-        joints = {joint.reading for joint in roles_of(self.formulation).joints}
+        # the quantities that may err, with the columns that are a part's own
+        parts: dict[str, list[str]] = {}
+        for joint in roles.joints:
+            parts[joint.reading] = [joint.reading, joint.direction, joint.velocity, joint.torque, joint.temperature]
+        for sensor in self.formulation.sensors:
+            parts.setdefault(sensor.column, [*parts, *roles.columns])
+        for length in roles.lengths:
+            parts[length.quantity] = [length.force, length.temperature]
+        self.parts = {
+            name: tuple(n for n in dict.fromkeys((*own, roles.time, roles.temperature)) if n in self.columns)
+            for name, own in parts.items()
+            if name in at.slopes and np.any(at.slopes[name])
+        }
+        joints = {joint.reading for joint in roles.joints}
         self.outside = {s.column for s in self.formulation.sensors} - joints if joints else set()
         self.values: dict[Atom, Array] = {}
         every = [a for c in self.columns.values() for a in c.every]
@@ -314,31 +325,6 @@ class _Search:
         for j in reversed(roles.joints):
             by_role |= {j.torque: "N mm" if j.kind == "rotary" else "N", j.velocity: f"{j.unit}/s"}
         return by_role.get(name, "")
-
-    def _names(self) -> tuple[str, ...]:
-        roles, data = roles_of(self.formulation), self.formulation.data
-        met = self.formulation.covariates(self.fit.at.recorded)
-        names = [*(j.reading for j in roles.joints), *columns_of(roles)]
-        names += [name for one in met.values() for name in one]
-        known = {*self.run.columns, *self.formulation.readings}
-        return tuple(n for n in dict.fromkeys(names) if n in data and (n in known or data[n].dtype.kind in "iuf"))
-
-    def _parts(self) -> Mapping[str, tuple[str, ...]]:
-        """Return the quantities that may err, with the columns that are a part's own."""
-        roles, slopes = roles_of(self.formulation), self.fit.at.slopes
-        shared = [roles.time, roles.temperature]
-        parts: dict[str, list[str]] = {}
-        for joint in roles.joints:
-            parts[joint.reading] = [joint.reading, joint.direction, joint.velocity, joint.torque, joint.temperature]
-        for one in self.formulation.sensors:
-            parts.setdefault(one.column, [*parts, *roles.columns])
-        for length in roles.lengths:
-            parts[length.quantity] = [length.force, length.temperature]
-        return {
-            name: tuple(n for n in dict.fromkeys((*own, *shared)) if n in self.columns)
-            for name, own in parts.items()
-            if name in slopes and np.any(slopes[name])
-        }
 
     def _column(self, name: str) -> _Column | None:
         whole = self.run.columns.get(name)
@@ -405,7 +391,7 @@ class _Search:
     # score tests
 
     def _weights(self, quantity: str) -> tuple[Array, Array | None]:
-        """Return what a change in each row adds to the scores `_by_row`, (n, c), and its square, (n,).
+        """Return what a change in each row adds to the scores of `_pull`, (n, c), and its square, (n,).
 
         There is no square where the noise of rows hangs together: the length of a column is then that of its signature.
         """
@@ -414,17 +400,6 @@ class _Search:
             white = self.fit.at.whiten(slope).reshape(slope.shape) if self.apart else slope
             self.weights[quantity] = white, np.einsum("nc,nc->n", white, white) if self.apart else None
         return self.weights[quantity]
-
-    def _by_row(self, on: ProjectedScores, extra: Array | None) -> Array:
-        """Return Q and y, and `extra` scores, as products with them are taken row by row, (n, c, t)."""
-        kept = self.by_row
-        if kept is None or kept[0] is not on or kept[1] is not extra:
-            targets = np.column_stack([on.Q, on.y, *([extra] if extra is not None else [])])
-            n, c = self.fit.at.misclosure.shape
-            rows = targets.reshape(n, c, -1)
-            kept = on, extra, rows if self.apart else self.formulation.decorrelate(self.fit.at.whiten.back(rows))
-            self.by_row = kept
-        return kept[2]
 
     def column_of(self, term: Term) -> Array:
         """Return the whitened signature of a unit of each size of a term, (N, k)."""
@@ -468,7 +443,14 @@ class _Search:
         last, t = self.pulls.get(quantity), on.Q.shape[1] + 1
         if extra is None and last is not None and last[0] is on:
             return last[1]
-        pull = np.einsum("nc,nct->nt", self._weights(quantity)[0], self._by_row(on, extra))
+        # Q and y, and `extra` scores, as products with them are taken row by row, (n, c, t)
+        kept = self.by_row
+        if kept is None or kept[0] is not on or kept[1] is not extra:
+            targets = np.column_stack([on.Q, on.y, *([extra] if extra is not None else [])])
+            rows = targets.reshape(*self.fit.at.misclosure.shape, -1)
+            kept = on, extra, rows if self.apart else self.formulation.decorrelate(self.fit.at.whiten.back(rows))
+            self.by_row = kept
+        pull = np.einsum("nc,nct->nt", self._weights(quantity)[0], kept[2])
         self.pulls[quantity] = on, pull[:, :t]
         return np.asarray(pull)
 
@@ -482,7 +464,14 @@ class _Search:
         own, waves = self.own[quantity], self._blocks_of([Term(quantity, wave) for wave in self.waves])
         pull, square, p = self._pull(quantity, on, extra), self._weights(quantity)[1], self.first.Q.shape[1]
         more, found = on.Q.shape[1] - p, []
-        for start, V in self._values(own):
+        block, key = max(1, _NUMBERS // len(self.data)), own.tobytes()
+        for start in range(0, len(own), block):
+            # the values of products, (m, n); parts of the same columns share them
+            if (V := self.held.get(key)) is None:
+                first, second = self.factors[own[start : start + block]].T
+                V = self.table[first] * self.table[second]
+                if len(own) <= block and V.size + sum(v.size for v in self.held.values()) <= _NUMBERS:
+                    self.held[key] = V
             if (quantity, start) not in self.lengths:
                 whole = self._grams(quantity, V.T, 1)[:, 0, 0] if square is None else V**2 @ square
                 self.lengths[quantity, start] = whole, ((V @ pull[:, :p]) ** 2).sum(axis=1)
@@ -491,18 +480,6 @@ class _Search:
             found.append(_of_one(size, absorbed + (across[:, :more] ** 2).sum(axis=1), across[:, more:]))
         (T, ranks, most), last = _together(found, extra), self.scan(on, quantity, waves, extra)
         return np.concatenate([T, last[0]]), np.concatenate([ranks, last[1]]), np.maximum(most, last[2])
-
-    def _values(self, own: Array) -> Iterable[tuple[int, Array]]:
-        """Yield the values of products, (m, n), block by block, each with its number; the first of them are kept."""
-        most, key = max(1, _NUMBERS // len(self.data)), own.tobytes()
-        for start in range(0, len(own), most):
-            if (values := self.held.get(key)) is None:
-                first, second = self.factors[own[start : start + most]].T
-                values = self.table[first] * self.table[second]
-                # parts of the same columns share them
-                if len(own) <= most and values.size + sum(v.size for v in self.held.values()) <= _NUMBERS:
-                    self.held[key] = values
-            yield start, values
 
     def _blocks_of(self, terms: Sequence[Term]) -> Iterable[tuple[Array, int]]:
         """Return the values of terms of one quantity, in blocks of one rank, in their order."""
@@ -546,11 +523,11 @@ class _Search:
         if on.profiled:
             return on.gain(T, rank)
 
-        def cost(rest: float) -> float:
+        costs = []
+        for rest in (on.total, max(on.total - T, 0.0)):
             mean = rest / max(on.degrees, 1)
-            return on.degrees * float(mean if mean <= 1 else 1 + np.log(mean))
-
-        return cost(on.total) - cost(max(on.total - T, 0.0))
+            costs.append(on.degrees * float(mean if mean <= 1 else 1 + np.log(mean)))
+        return costs[0] - costs[1]
 
     def forward(
         self, on: ProjectedScores, before: tuple[Term, ...], rng: np.random.Generator | None

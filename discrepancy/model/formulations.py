@@ -310,14 +310,15 @@ class Predicted:
             given = {} if self._given is None else self._given(q)
             return {n: np.asarray(s).reshape(len(s), -1)[:, k : k + 1] for n, s in given.items()}
 
-        def one(k: int, name: str) -> Predicted:
+        parts = []
+        for k, name in enumerate(self.measured):
             own = tuple(s for s in self.instruments if s.column == name)
-            return replace(
+            part = replace(
                 self, predict=partial(predict, k, name), measured={name: self.measured[name]}, instruments=own,
                 _given=partial(slopes, k), _checked=True,
             )  # fmt: skip
-
-        return tuple(one(k, name) for k, name in enumerate(self.measured))
+            parts.append(part)
+        return tuple(parts)
 
     def _slopes(self, q: Quantities) -> Slopes:
         """Return the derivative of the constraints in each quantity, name -> (n, m); by complex step if not given."""

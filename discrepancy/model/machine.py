@@ -115,10 +115,6 @@ class Slopes(Mapping[str, Array]):
             self._kept[name] = self.one(name)
         return self._kept[name]
 
-    def anew(self) -> Slopes:
-        """Return the same slopes, none of them computed yet."""
-        return Slopes(self.names, self.one)
-
     def __contains__(self, name: object) -> bool:
         return name in self.names
 

@@ -21,18 +21,13 @@ from calibench.discrepancy.noise.repeats import pairs_of
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-_OF_NOISE = frozenset({"outlier", "quantisation", "heavy_tails"})
-
-
-def is_of_noise(family: str) -> bool:
-    """Return whether a finding of such a family blames the noise: it corrects nothing, readings are trusted less."""
-    return family in _OF_NOISE
+OF_NOISE = frozenset({"outlier", "quantisation", "heavy_tails"})  # nothing is corrected: readings are trusted less
 
 
 def quantisation_of(formulation: Formulation, sensor: Sensor, r: Array, signature: Array) -> NoiseFinding:
     """Return what coarse steps of one sensor explain: steps coarser than its stated noise and resolution."""
     name, n, ends = sensor.column, len(r), (0.0, 0.0)
-    stated, distinct = _sigma(formulation, name), np.unique(formulation.data[name])
+    stated, distinct = float(np.median(formulation.sigma[name])), np.unique(formulation.data[name])
     step = lattice(formulation.data[name], max(stated, 1.5 * sensor.resolution))
     if step:
         between = np.diff(distinct)
@@ -57,7 +52,7 @@ def quantisation_of(formulation: Formulation, sensor: Sensor, r: Array, signatur
 def outliers_of(formulation: Formulation, sensor: Sensor, r: Array, signature: Array) -> NoiseFinding:
     """Return what outlying readings of one sensor explain; the amplitude is their spread, in its unit."""
     name = sensor.column
-    stated = _sigma(formulation, name)
+    stated = float(np.median(formulation.sigma[name]))
     energy, share = _energy_of(r, signature)
     seen = mixture(energy, share)
     first, second = pairs_of(formulation.data)
@@ -121,24 +116,19 @@ def heavy_tails_in(formulation: Formulation, r: Array) -> NoiseFinding:
     seen = mixture((r**2).sum(axis=1), np.ones(n), degrees=c)
     # the excess kurtosis, and its interval over samples drawn from the rows
     rng, most = np.random.default_rng(0), min(n, _MOST)
-    value, drawn = _kurtosis(r), [_kurtosis(r[rng.integers(0, n, most)]) for _ in range(_DRAWN)]
-    ends = np.percentile(drawn, [2.5, 97.5])
+    drawn = []
+    for sample in (r, *(r[rng.integers(0, n, most)] for _ in range(_DRAWN))):
+        variance = float((sample**2).mean())
+        drawn.append(float((sample**4).mean()) / variance**2 - 3.0 if variance else 0.0)
+    value, ends = drawn[0], np.percentile(drawn[1:], [2.5, 97.5])
     narrower = np.sqrt(most / n)  # samples as large as the data scatter less
     low, high = value - narrower * max(value - float(ends[0]), 0.0), value + narrower * max(float(ends[1]) - value, 0.0)
-    extra = {name: seen.weights * (seen.tau * _sigma(formulation, name)) ** 2 for name in formulation.readings}
+    stated = {name: float(np.median(formulation.sigma[name])) for name in formulation.readings}
+    extra = {name: seen.weights * (seen.tau * deviation) ** 2 for name, deviation in stated.items()}
     return NoiseFinding(
         family="heavy_tails", target="all", amplitude=value, unit="1", gain=seen.gain, weights=seen.weights,
         extra=extra, ci95=(low, high),
     )  # fmt: skip
-
-
-def _kurtosis(r: Array) -> float:
-    variance = float((r**2).mean())
-    return float((r**4).mean()) / variance**2 - 3.0 if variance else 0.0
-
-
-def _sigma(formulation: Formulation, name: str) -> float:
-    return float(np.median(formulation.sigma[name]))
 
 
 _MOVED = 3.0  # standard errors by which readings change more than residuals where a machine moved between repeats

@@ -74,13 +74,9 @@ class Noise:
 
     def cost(self, r: Array) -> float:
         """Return minus twice the log-likelihood of whitened residuals, without the part that no fit changes."""
-        return float(np.sum(self.costs(r)))
-
-    def costs(self, r: Array) -> Array:
-        """Return what each whitened residual adds to the cost, of the shape of r."""
         if not np.isfinite(self.t_degrees):
-            return np.asarray(r**2 / self.scale**2)
-        return np.asarray((self.t_degrees + 1) * np.log1p(r**2 / (self.t_degrees * self.core**2)))
+            return float(np.sum(r**2 / self.scale**2))
+        return float(np.sum((self.t_degrees + 1) * np.log1p(r**2 / (self.t_degrees * self.core**2))))
 
     def scores(self, r: Array) -> Array:
         """Return scores of unit variance: r / scale; for heavy tails r is clipped at `residual_cut` scales (Huber).

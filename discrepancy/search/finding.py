@@ -59,14 +59,28 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     few, profiled = len(found.r) <= t.few_residuals, found.noise.profiled
     share = t.weight_left_out_few if few or (profiled and over_of(effect)) else t.weight_left_out
     share = t.weight_left_out_untold if few and profiled else share
-    weights = _held(known, (best.name, *_of_the_same_course(options, found)), share)
+    # where the column of a rival on the same part differs from that of the first by less than formulas may be off, as a
+    # temperature that rises with time, the better fit of one of the two is no reason to leave the other out
+    data, least = found.model.formulation.data, 1 - t.formula_error
+    followed = {o.name: name for o in options if (name := _followed(o.effect, data))}
+    along = followed.get(best.name, "")
+    rivals = [o.name for o in options[1:] if along and o.effect.target == effect.target]
+    rivals = [name for name in rivals if followed.get(name, along) != along]
+    rivals = [name for name in rivals if _told_by(data[along], data[followed[name]]) > least]
+    weights = _held(known, (best.name, *rivals), share)
     for o in options:
         alike = [name for name in (o.name, *o.effect.twins) if name in known]
         if any(name in weights for name in alike):  # of two that no data can part, none is less likely
             weights |= {name: known[name] for name in alike}
     total = sum(weights.values())
     ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
-    sizes = {o.name: _size(o) for o in options if o is not best}
+    sizes: dict[str, Amplitude] = {}  # beside the other picks, where the fit was kept
+    for o in options[1:]:
+        if len(o.fit.J):
+            own = slice(len(o.fit.x) - len(o.effect.coefficients), None)
+            c, spread = o.fit.x[own], left_scale(o.fit) ** 2 * o.fit.covariance()[own, own]
+            interval = amplitude_interval(o.effect, c, spread, o.fit.reach)
+            sizes[o.name] = Amplitude(o.effect.amplitude(c), o.effect.unit, interval)
 
     amplitude, numbers, period = _sizes(found, effect)
     return Finding(
@@ -113,15 +127,6 @@ def _sizes(found: Fit, effect: Effect) -> tuple[Amplitude, tuple[Coefficient, ..
     return size, tuple(numbers), period
 
 
-def _size(o: Option) -> Amplitude | None:
-    """Return the size of an option beside the other picks, with its interval; None where its fit was not kept."""
-    if not len(o.fit.J):
-        return None
-    own = slice(len(o.fit.x) - len(o.effect.coefficients), None)
-    c, spread = o.fit.x[own], left_scale(o.fit) ** 2 * o.fit.covariance()[own, own]
-    return Amplitude(o.effect.amplitude(c), o.effect.unit, amplitude_interval(o.effect, c, spread, o.fit.reach))
-
-
 def with_cautions(findings: Sequence[Finding], whole: Mapping[str, float]) -> tuple[Finding, ...]:
     """Return findings, the largest first, with a caution where one may only be the error of another one's formula.
 
@@ -135,21 +140,6 @@ def with_cautions(findings: Sequence[Finding], whole: Mapping[str, float]) -> tu
         small = 0 < one.visible**2 < thresholds().formula_error * max(before, there)
         larger.append(replace(one, caution=(Caution(Doubt.FORMULA_ERROR),)) if small else one)
     return tuple(larger)
-
-
-def _of_the_same_course(options: Sequence[Option], found: Fit) -> list[str]:
-    """Return the rivals on the part of the first option whose column has nearly the same course as that of the first.
-
-    Where a column differs from another by less than formulas may be off, as a temperature that rises with time, the
-    better fit of one of the two is no reason to leave the other out.
-    """
-    data, first, least = found.model.formulation.data, options[0].effect, 1 - thresholds().formula_error
-    followed = {o.name: name for o in options if (name := _followed(o.effect, data))}
-    along = followed.get(options[0].name)
-    if along is None:
-        return []
-    rivals = [o.name for o in options[1:] if o.effect.target == first.target and followed.get(o.name, along) != along]
-    return [name for name in rivals if _told_by(data[along], data[followed[name]]) > least]
 
 
 def _followed(effect: Effect, data: MeasuredData) -> str:

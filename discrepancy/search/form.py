@@ -173,7 +173,12 @@ def unlike(current: Fit, picks: Sequence[Effect], known: Sequence[Effect], terms
             waves = waves_over(data[column], low, high, 1 if term.levels else SLOW)
             middle = tuple(np.nanmean(waves, axis=0).tolist())
             tried.append(Modulated(pick, (Slow(term.covariate, column, low, high, middle),)))
-            if not term.levels and _of_one_sign(current, pick, data[column]):  # as friction's over the speed
+            if term.levels or len(pick.coefficients) > 1:
+                continue
+            # where it has the sign of a column, its size is a function of the column's, as friction's over the speed
+            own = pick.basis(current.at.recorded, data, np.zeros(1))
+            signs = [np.sign(change[:, 0]) * np.sign(data[column]) for change in own.values()]
+            if all(abs(float(np.nanmean(both))) > _SIGNS for both in signs):
                 far = float(np.nanmax(np.abs(data[column])))
                 waves = waves_over(np.abs(data[column]), 0.0, far, SLOW)
                 middle = tuple(np.nanmean(waves, axis=0).tolist())
@@ -191,15 +196,6 @@ def unlike(current: Fit, picks: Sequence[Effect], known: Sequence[Effect], terms
         return None
     large = share(found.fit, form) >= (t.along_share if form.acts_along else t.form_share)
     return found if found.gain > t.further_gain and large else None
-
-
-def _of_one_sign(at: Fit, pick: Effect, values: Array) -> bool:
-    """Return whether an effect of one number has the sign of a column: then its size is a function of the column's."""
-    if len(pick.coefficients) > 1:
-        return False
-    own = pick.basis(at.at.recorded, at.model.formulation.data, np.zeros(1))
-    signs = [np.sign(change[:, 0]) * np.sign(values) for change in own.values()]
-    return all(abs(float(np.nanmean(both))) > _SIGNS for both in signs)
 
 
 def runs_away(before: Fit, after: Fit, pick: Effect) -> bool:
@@ -268,8 +264,12 @@ def residuals_within(at: Fit, forms: Sequence[Modulated], most: float) -> Array:
     # where the coefficients of effect and form stand, the changes of the effect, the triangle of those of the form
     parts = []
     for one in forms:
-        R = np.asarray(np.linalg.qr(_stacked(one, q, data), mode="r"))
-        parts.append((place_of(one.of), _stacked(one.of, q, data), place_of(one), R))
+        stacked = []
+        for effect in (one.of, one):
+            basis = effect.basis(q, data, np.zeros(len(effect.coefficients)))
+            stacked.append(np.concatenate([np.asarray(part) for part in basis.values()]))
+        R = np.asarray(np.linalg.qr(stacked[1], mode="r"))
+        parts.append((place_of(one.of), stacked[0], place_of(one), R))
     of_forms = np.zeros(len(at.x), dtype=bool)
     for _, _, place, _ in parts:
         of_forms[place] = True
@@ -306,11 +306,6 @@ def _least_squares(A: Array, b: Array) -> Array:
     size = np.linalg.norm(A, axis=0)
     size[size == 0] = 1.0
     return np.asarray(np.linalg.lstsq(A / size, b, rcond=None)[0] / size)
-
-
-def _stacked(effect: Effect, q: Quantities, data: MeasuredData) -> Array:
-    parts = effect.basis(q, data, np.zeros(len(effect.coefficients)))
-    return np.concatenate([np.asarray(part) for part in parts.values()])
 
 
 def share(at: Fit, form: Modulated) -> float:
@@ -350,13 +345,11 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
         return plain
     worth = {o.name: one for o in rivals if (one := _worth(o, top)) is not None}
     best = max(worth.values()) - t.form * top.gain
-    # a formula of many numbers stands for the form of another one
-    taken_up = t.formula_error * top.gain
-    likelihoods = {
-        o.name: replace(o, behind=best - worth[o.name] + taken_up * (_is_rich(o) - _is_rich(top)))
-        for o in rivals
-        if o.name in worth
-    }
+    # a rich formula, of many numbers, stands for the form of another one
+    taken_up, likelihoods = t.formula_error * top.gain, {}
+    for o in (o for o in rivals if o.name in worth):
+        richer = (len(o.effect.coefficients) > MOST) - (len(top.effect.coefficients) > MOST)
+        likelihoods[o.name] = replace(o, behind=best - worth[o.name] + taken_up * richer)
     kept = {o.name for o in likelihoods.values() if o.behind < t.close}
     kept |= {top.name, *(o.name for o in plain if o.name not in likelihoods or o.name not in own)}
     return _likeliest_first([likelihoods.get(o.name, o) for o in found if o.name in kept])
@@ -380,7 +373,8 @@ def _near_without_noise(
     kept = []
     for o in found:
         lost = float(np.expm1((top.gain - o.gain) / count) / np.expm1(top.gain / count))
-        if o is not top and o.name in own and not _is_rich(o) and 0 <= lost < t.formula_error:
+        rich = len(o.effect.coefficients) > MOST
+        if o is not top and o.name in own and not rich and 0 <= lost < t.formula_error:
             behind = min(told_apart(top, top.gain - o.gain), lost / t.form_off**2)
             kept.append(replace(o, behind=behind))
         elif o in plain:
@@ -475,14 +469,10 @@ def _worth(o: Option, top: Option) -> float | None:
     drawn = o.gain
     if (worth := _drawn(o, forms, _OFF, top)) is not None:
         drawn = top.gain + top.paid - o.paid + float(np.sum(top.fit.noise.weights(top.fit.r) * top.fit.r**2)) - worth[1]
-    elif o is not top and not _is_rich(o):
+    elif o is not top and len(o.effect.coefficients) <= MOST:
         return None
     odds = 0.0 if effects.along_of(top.effect) is not None else thresholds().form_odds
     return float(2 * np.logaddexp(o.gain / 2, (drawn + odds) / 2))
-
-
-def _is_rich(o: Option) -> bool:
-    return len(o.effect.coefficients) > MOST
 
 
 def bonus(o: Option) -> float:

@@ -20,7 +20,6 @@ from scipy.linalg.lapack import dormqr, dpstrf, dpttrf, dpttrs, dsytrd
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit, orthonormal, project_off, reading_order
 from calibench.discrepancy.model.effect import Effect, name_of, whole_of
-from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
 from calibench.discrepancy.noise.whiten import Whitener, whitener
 from calibench.discrepancy.registries import description_of
@@ -152,13 +151,20 @@ def accounts(
                 levels = tuple(map(float, values)) if len(values) <= _LEVELS else ()
                 columns[name] = Component("", name, "", (name,), (low,), (high,), _WAVES, levels)
     # a function of a direction is one of the velocity that has this sign
-    signs = {name: np.sign(np.asarray(data[name], dtype=float)) for name in columns}
-    own = {
-        name_of(e): {name for name, sign in signs.items() if name in e.columns or _is_sign(sign, e.columns, data)}
-        for e in named
-    }
+    own: dict[str, set[str]] = {name_of(e): set() for e in named}
+    for name in columns:
+        sign = np.sign(np.asarray(data[name], dtype=float))
+        turns = len(np.unique(sign)) > 1
+        for e in named:
+            if name in e.columns or (turns and any(np.mean(sign == data[c]) > _SIGN for c in e.columns)):
+                own[name_of(e)].add(name)
     for effect, values in part.changes:
-        own[name_of(effect)] |= {name for name, one in columns.items() if _is_of(values, one.waves(data.columns)[0])}
+        y = values - values.mean()
+        for name, one in columns.items():
+            A = np.column_stack([np.ones(len(values)), one.waves(data.columns)[0]])
+            left = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
+            if left @ left < _OWN * (y @ y):
+                own[name_of(effect)].add(name)
     tried = [part.account((name,), *one.waves(data.columns)) for name, one in columns.items()]
     best = sorted(tried, key=lambda one: -max(one.larger, one.alone))[:_TOP]
     met = dict.fromkeys(
@@ -166,32 +172,19 @@ def accounts(
     )
     for a, b in combinations(columns, 2):
         if a in met or b in met:
-            tried.append(part.account((a, b), *_over_two(columns[a], columns[b], data.columns)))
+            # the functions of both columns, (n, m), and their frequencies, (m,)
+            sides = []
+            for side in (columns[a], columns[b]):
+                waves, frequencies = replace(side, count=_SIDE).waves(data.columns)
+                if not side.levels:
+                    waves, frequencies = np.insert(waves, 0, 1.0, axis=1), np.insert(frequencies, 0, 0.0)
+                sides.append((waves, frequencies))
+            (first, slow), (second, fast) = sides
+            squares = (slow[:, None] ** 2 + fast**2).ravel()
+            some = squares > 0 if squares.any() else np.ones(len(squares), dtype=bool)
+            both = (first[:, :, None] * second[:, None, :]).reshape(len(first), -1)[:, some]
+            tried.append(part.account((a, b), both, np.sqrt(squares[some])))
     return tried, own
-
-
-def _is_sign(sign: Array, columns: Sequence[str], data: MeasuredData) -> bool:
-    return len(np.unique(sign)) > 1 and any(np.mean(sign == data[name]) > _SIGN for name in columns)
-
-
-def _is_of(values: Array, waves: Array) -> bool:
-    A, y = np.column_stack([np.ones(len(values)), waves]), values - values.mean()
-    left = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
-    return bool(left @ left < _OWN * (y @ y))
-
-
-def _over_two(one: Component, other: Component, data: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Return the functions of two columns, (n, m), and their frequencies, (m,)."""
-    sides = []
-    for side in (one, other):
-        waves, frequencies = replace(side, count=_SIDE).waves(data)
-        if not side.levels:
-            waves, frequencies = np.insert(waves, 0, 1.0, axis=1), np.insert(frequencies, 0, 0.0)
-        sides.append((waves, frequencies))
-    (a, slow), (b, fast) = sides
-    squares = (slow[:, None] ** 2 + fast**2).ravel()
-    some = squares > 0 if squares.any() else np.ones(len(squares), dtype=bool)
-    return (a[:, :, None] * b[:, None, :]).reshape(len(a), -1)[:, some], np.sqrt(squares[some])
 
 
 def _priors(frequencies: Array, over: int) -> Iterator[Array]:

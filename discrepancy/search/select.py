@@ -139,7 +139,7 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     near = [s for s in ranked if gains[s.name] > top - t.refit_within - 0.1 * abs(top)][: t.refit_most]
     part_of = description_of(data.machine).part_of
     where = {part_of(s.effect.target) for s in near[:2]}
-    bent = [s for s in ranked if s not in near and s.visible < t.bent and part_of(s.effect.target) in where]
+    bent = [s for s in ranked if s not in near and s.seen.visible < t.bent and part_of(s.effect.target) in where]
     found: list[Option] = []
     for scored in (*near, *bent):
         one = option(base, scored, on)

@@ -64,14 +64,28 @@ def shuffled(at: Fit, effect: Effect, beside: Effect, family: Sequence[Effect]) 
         return None
     t, rng = thresholds(), np.random.default_rng(0)
     classes = _alike(effect, formulation)
-    if not classes.enough:
+    sizes = np.bincount(classes.of)
+    if sizes[sizes > 1].sum() < _FEWEST:
         return None
-    on = score.projected_scores(_without(at, beside))
-    each = len(effect.coefficients) <= _NUMBERS and len(on.y) < t.drawn_rows and _by_rows(effect, at, classes, columns)
+    # without `beside` and its forms, to first order; only residuals and Jacobian are meant
+    gone = [at.model.place_of(one) for one in (beside, *forms_of(beside, at.model.effects))]
+    out = np.concatenate([np.arange(place.start, place.stop) for place in gone])
+    on = score.projected_scores(replace(at, r=at.r - at.J[:, out] @ at.x[out], J=np.delete(at.J, out, axis=1)))
+    # whether what it changes in a row hangs on these columns alone, and the noise of rows on no other: then its changes
+    # can be shuffled instead of the columns, and no row's whitening reads another row
+    data, rows = formulation.data, at.at.misclosure
+    each = len(effect.coefficients) <= _NUMBERS and len(on.y) < t.drawn_rows
+    if each and at.at.whiten.band is None and formulation.decorrelate(rows) is rows:
+        source = classes.draw(np.random.default_rng(1))
+        zero = np.zeros(len(effect.coefficients))
+        kept = effect.basis(at.at.recorded, data, zero)
+        moved = effect.basis(at.at.recorded, _moved(data, columns, source), zero)
+        each = all(np.allclose(np.asarray(kept[name])[source], moved[name]) for name in kept)
+    else:
+        each = False
     rivals = [e for e in family if len(e.coefficients) <= _NUMBERS and order_of(e, formulation)[1]] if each else []
     score_of = _Sums(at, on, [effect, *rivals]) if each else _OneByOne(at, on, effect, columns)
-    straight = np.arange(len(formulation.data))
-    own, more, times = score_of.gains(straight)[0], 0, 0
+    own, more, times = score_of.gains(np.arange(len(data)))[0], 0, 0
     for _ in range(t.shuffles):
         times += 1
         more += bool(np.max(score_of.gains(classes.draw(rng))) >= own)
@@ -87,11 +101,6 @@ class _Classes:
 
     rows: tuple[Rows, ...]
     of: Rows
-
-    @property
-    def enough(self) -> bool:
-        sizes = np.bincount(self.of)
-        return int(sizes[sizes > 1].sum()) >= _FEWEST
 
     @cached_property
     def _square(self) -> Rows | None:
@@ -136,32 +145,8 @@ def _alike(effect: Effect, formulation: Formulation) -> _Classes:
     return _Classes(rows, np.searchsorted(ends, stands))
 
 
-def _without(at: Fit, effect: Effect) -> Fit:
-    """Return a fit to first order without an effect and its forms; only its residuals and Jacobian are meant."""
-    gone = [at.model.place_of(one) for one in (effect, *forms_of(effect, at.model.effects))]
-    out = np.concatenate([np.arange(place.start, place.stop) for place in gone])
-    return replace(at, r=at.r - at.J[:, out] @ at.x[out], J=np.delete(at.J, out, axis=1))
-
-
 def _moved(data: MeasuredData, columns: Sequence[str], source: Rows) -> MeasuredData:
     return data.with_columns({name: np.asarray(data[name])[source] for name in columns})
-
-
-def _basis(effect: Effect, at: Fit, data: MeasuredData) -> dict[str, Array]:
-    return effect.basis(at.at.recorded, data, np.zeros(len(effect.coefficients)))
-
-
-def _by_rows(effect: Effect, at: Fit, classes: _Classes, columns: Sequence[str]) -> bool:
-    """Return whether what an effect changes in a row hangs on these columns alone, and the noise of rows on no other.
-
-    Then its changes can be shuffled instead of the columns, and no row's whitening reads another row.
-    """
-    data, rows = at.at.model.formulation.data, at.at.misclosure
-    if at.at.whiten.band is not None or at.at.model.formulation.decorrelate(rows) is not rows:
-        return False
-    source = classes.draw(np.random.default_rng(1))
-    plain, moved = _basis(effect, at, data), _basis(effect, at, _moved(data, columns, source))
-    return all(np.allclose(np.asarray(plain[name])[source], moved[name]) for name in plain)
 
 
 class _Sums:
@@ -172,7 +157,7 @@ class _Sums:
         data, targets = at.at.model.formulation.data, np.column_stack([on.Q, on.y])
         white: dict[str, Array] = {}
         alike: dict[tuple[object, ...], list[int]] = {}
-        changes = [_basis(effect, at, data) for effect in effects]
+        changes = [effect.basis(at.at.recorded, data, np.zeros(len(effect.coefficients))) for effect in effects]
         for k, (effect, change) in enumerate(zip(effects, changes)):
             self.paid[k] = penalty(effect, 1, len(on.y))
             alike.setdefault((*change, len(effect.coefficients)), []).append(k)

@@ -8,7 +8,7 @@ one after the other, while they also predict left-out poses better. Outside the 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import final
+from typing import cast, final
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -17,7 +17,7 @@ from calibench.core.tables.cells import between
 from calibench.core.words import plain
 from calibench.discrepancy.diagnostics.score import projected_scores
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns
-from calibench.discrepancy.fitting.fit import Fit, fit, made_once, project_off, reading_order
+from calibench.discrepancy.fitting.fit import ENDS, Fit, fit, project_off, reading_order
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
@@ -111,17 +111,20 @@ class Smooth:
 def fit_smooth(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     """Return the fit with the smooth functions that these data support; `base` itself where none predicts."""
 
-    def found() -> Fit:
-        current = base
-        # scores of heavy-tailed noise are clipped, and smooth errors with them: another pass fits the remaining error
-        for _ in range(_PASSES if np.isfinite(base.noise.t_degrees) else 1):
-            after = _once(current, terms)
-            if after is current:
-                break
-            current = after
-        return current
-
-    return made_once((base, *terms), found)
+    made, of = ENDS.get(), (base, *terms)
+    key = tuple(map(id, of))
+    if made is not None and key in made:
+        return cast(Fit, made[key][0])
+    current = base
+    # scores of heavy-tailed noise are clipped, and smooth errors with them: another pass fits the remaining error
+    for _ in range(_PASSES if np.isfinite(base.noise.t_degrees) else 1):
+        after = _once(current, terms)
+        if after is current:
+            break
+        current = after
+    if made is not None:
+        made[key] = current, of  # kept alive, as ids are those of live objects
+    return current
 
 
 def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:

@@ -50,18 +50,28 @@ def named_by_smooth(base: Fit, candidates: Sequence[Effect], terms: Sequence[Eff
     while found:
         at = fit_with(base, list(found.values()))
         free = fit_smooth(at, tuple(terms))  # type: ignore[arg-type]
-        noise = _wide(free)
-        sets = [_own_set(e, [*found.values()], free, noise, candidates) for e in found.values()]
-        falls = [e for e, own in zip(found.values(), sets) if own is None]
+        noise = replace(free.noise, scale=free.noise.scale * left_scale(free))
+        sets, falls = [], []
+        for e in found.values():  # each beside all else that was fitted
+            own, close = _beside_others(e, [*found.values()], free, noise, candidates)
+            if own is None or own.gain < t.further_gain:
+                falls.append(e)
+                continue
+            size = own.effect.amplitude(own.fit.x[len(own.fit.x) - len(e.coefficients) :])
+            family = family_of(free.model.formulation.data.machine, e.family)
+            if not is_possible(e, size) or (family is not None and family.never_negative and size < 0):
+                falls.append(e)
+            else:
+                sets.append((own, *(o for o in close if o is not own)))
         if not falls:
             firsts = [[e] for e in found.values()]
             told = (
-                own for one in (free, at) for own in controls(one, firsts, candidates)
+                control for one in (free, at) for control in controls(one, firsts, candidates)
             )  # beside the rest, and as told
-            by_chance = {name for own in told for name, one in own.items() if one.p > t.shuffled_p}
+            by_chance = {name for control in told for name, one in control.items() if one.p > t.shuffled_p}
             falls = [e for name, e in found.items() if name in by_chance]
         if not falls:
-            return tuple(own for own in sets if own is not None)
+            return tuple(sets)
         for e in falls:
             del found[name_of(e)]
     return ()
@@ -87,20 +97,6 @@ def _of_the_course(part: Component, at: Fit, candidates: Sequence[Effect]) -> Ef
         told = 1 - float(left @ left) / max(float(values @ values), 1e-300)
         found = max(found, (told, -len(effect.coefficients), effect), key=lambda one: one[:2])
     return found[2]
-
-
-def _own_set(
-    effect: Effect, found: Sequence[Effect], free: Fit, noise: Noise, candidates: Sequence[Effect]
-) -> tuple[Option, ...] | None:
-    """Return the set of an effect beside all else that was fitted; None where it does not stand there."""
-    own, close = _beside_others(effect, found, free, noise, candidates)
-    if own is None or own.gain < thresholds().further_gain:
-        return None
-    size = own.effect.amplitude(own.fit.x[len(own.fit.x) - len(effect.coefficients) :])
-    family = family_of(free.model.formulation.data.machine, effect.family)
-    if not is_possible(effect, size) or (family is not None and family.never_negative and size < 0):
-        return None
-    return _first(own, close)
 
 
 def _beside_others(
@@ -133,10 +129,6 @@ def _beside_others(
     return next((o for o in stated if o.name == name), None), tuple(stated)
 
 
-def _first(own: Option, close: Sequence[Option]) -> tuple[Option, ...]:
-    return (own, *(o for o in close if o is not own))
-
-
 def left_scale(at: Fit) -> float:
     """Return in how many times the noise of a fit its residuals lie, where that is more than chance; else 1."""
     y = at.noise.scores(at.r)
@@ -148,19 +140,6 @@ def left_scale(at: Fit) -> float:
     return float(np.sqrt(square)) if sure else 1.0
 
 
-def _wide(at: Fit) -> Noise:
-    return replace(at.noise, scale=at.noise.scale * left_scale(at))
-
-
-def _without(at: Fit, out: Sequence[Effect]) -> Fit:
-    """Return a fit again without some of its effects."""
-    if not out:
-        return at
-    places = np.concatenate([np.arange(len(at.x))[at.model.place_of(e)] for e in out])
-    others = tuple(e for e in at.model.effects if e not in out)
-    return fit(Model(at.model.formulation, others), at.noise, np.delete(at.x, places))
-
-
 def renewed(sets: Sets, at: Fit, candidates: Sequence[Effect]) -> Sets:
     """Return the sets beside all that was found, under the noise that is left, each with the same first name.
 
@@ -168,7 +147,8 @@ def renewed(sets: Sets, at: Fit, candidates: Sequence[Effect]) -> Sets:
     with a form, which explains a part of what the name does. What may be no more than the error of a name's own formula
     is no ground to compare its rivals on: it has taken what tells them apart.
     """
-    noise, found, t = _wide(at), [own[0].effect for own in sets], thresholds()
+    noise, t = replace(at.noise, scale=at.noise.scale * left_scale(at)), thresholds()
+    found = [own[0].effect for own in sets]
     forms = {name_of(e): name_of(e.of) for e in at.model.effects if isinstance(e, forming.Modulated)}
     bent = {*forms.values()}
     renewed_sets = []
@@ -176,7 +156,11 @@ def renewed(sets: Sets, at: Fit, candidates: Sequence[Effect]) -> Sets:
         first = own[0]
         least = t.formula_error * energy_of(first) if len(first.fit.J) else 0.0
         slight = {o.name for o, *_ in sets if o.effect.target == first.effect.target and o.gain < least} - {first.name}
-        ground = _without(at, [e for e in at.model.effects if {name_of(e), forms.get(name_of(e))} & slight])
+        ground, out = at, [e for e in at.model.effects if {name_of(e), forms.get(name_of(e))} & slight]
+        if out:
+            places = np.concatenate([np.arange(len(at.x))[at.model.place_of(e)] for e in out])
+            others = tuple(e for e in at.model.effects if e not in out)
+            ground = fit(Model(at.model.formulation, others), at.noise, np.delete(at.x, places))
         beside = {name_of(e) for e in ground.model.effects} - {first.name}
         stale = {name_of(e) for e in first.fit.model.effects} - {first.name} != beside
         if first.name in bent or len(at.r) >= t.drawn_rows or (not stale and noise.scale == at.noise.scale):
@@ -188,5 +172,5 @@ def renewed(sets: Sets, at: Fit, candidates: Sequence[Effect]) -> Sets:
             continue
         # the gain of a name is that over the model in which it was found: beside names that share it, it is smaller
         more = first.gain - told.gain
-        renewed_sets.append(tuple(replace(o, gain=o.gain + more) for o in _first(told, close)))
+        renewed_sets.append(tuple(replace(o, gain=o.gain + more) for o in (told, *(o for o in close if o is not told))))
     return tuple(renewed_sets)

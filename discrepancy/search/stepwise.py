@@ -19,7 +19,7 @@ from calibench.discrepancy.diagnostics import score
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.model.effect import Alternative, Effect, name_of, still_open
-from calibench.discrepancy.noise.laws import NoiseFinding, is_of_noise
+from calibench.discrepancy.noise.laws import OF_NOISE, NoiseFinding
 from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.report import Amplitude, Finding, Rival, Shuffled, Verdict
 from calibench.discrepancy.search import form as forming, guard, select
@@ -110,7 +110,8 @@ def select_stepwise(
             break
         enough = t.further_gain if picks else 0.0
         # misfit alone gives no name, unless the degrees of freedom are so few that no other test can
-        significant = tests.p_names < level or (not picks and _few(current))
+        few = _NOTHING_LEFT < len(current.r) - current.J.shape[1] <= t.few_degrees
+        significant = tests.p_names < level or (not picks and few)
         found = options(current, tests) if more and significant else ()
 
         if form is not None and not (found and found[0].gain > form.gain):
@@ -386,22 +387,23 @@ def _with_another(picked: Picked, ground: Fit, candidates: Sequence[Effect], kep
 
 def _needed(picked: Picked, base: Fit, ground: Fit) -> Picked:
     """Return the picks without those that explain nothing beside the others, with the forms of `ground` and without."""
-
-    def worth(at: Fit, effect: Effect) -> float:  # its gain, to first order
-        own = at.model.place_of(effect)
-        c = at.x[own]
-        explained = float(c @ np.linalg.pinv(at.covariance(stated=True)[own, own], hermitian=True) @ c)
-        gained = at.noise.gained(at.cost + explained, at.cost, at.degrees)
-        return gained - len(c) * float(np.log(len(at.r)))
-
     while ground is not base and len(picked.sets) > 1:
         alone = fit_with(base, picked.effects)
-        worths = {name_of(e): max(worth(at, e) for at in (picked.fit, alone)) for e in picked.effects}
+        worths = {}  # the gain of each, to first order
+        for effect in picked.effects:
+            gains = []
+            for at in (picked.fit, alone):
+                own = at.model.place_of(effect)
+                c = at.x[own]
+                explained = float(c @ np.linalg.pinv(at.covariance(stated=True)[own, own], hermitian=True) @ c)
+                gained = at.noise.gained(at.cost + explained, at.cost, at.degrees)
+                gains.append(gained - len(c) * float(np.log(len(at.r))))
+            worths[name_of(effect)] = max(gains)
         least = min(worths, key=lambda name: worths[name])
         if worths[least] >= 0:
             break
-        sets = tuple(own for own in picked.sets if own[0].name != least)
-        picked = Picked(fit_with(ground, [own[0].effect for own in sets]), sets)
+        sets = tuple(options for options in picked.sets if options[0].name != least)
+        picked = Picked(fit_with(ground, [options[0].effect for options in sets]), sets)
     return picked
 
 
@@ -538,7 +540,7 @@ def _verdict_of(
 def _verdict_by(findings: Sequence[Finding]) -> Verdict:
     if not findings:
         return "none"
-    if all(is_of_noise(f.family) for f in findings):
+    if all(f.family in OF_NOISE for f in findings):
         return "noise"  # nothing is corrected: readings are trusted less
     sure = [f for f in findings if not f.caution]  # a finding that may be the error of a formula is no second claim
     return "ambiguous" if any(len(f.set) > 1 for f in sure) else "named"
@@ -556,15 +558,10 @@ def _explained(base: Fit, at: Fit, r: Array | None = None) -> float:
     return 1 - max(_excess(at, r), 0.0) / before if before > 0 else 1.0
 
 
-def _few(at: Fit) -> bool:
-    """Return whether degrees of freedom are left, but so few that their scatter says little about the noise."""
-    return bool(_NOTHING_LEFT < len(at.r) - at.J.shape[1] <= thresholds().few_degrees)
-
-
 def _doubt(base: Fit, at: Fit, r: Array | None = None) -> float:
     """Return by how much the explained part may be underestimated, because degrees of freedom are few."""
-    before = _excess(base)
-    if not _few(base) or before <= 0:
+    before, left = _excess(base), len(base.r) - base.J.shape[1]
+    if not _NOTHING_LEFT < left <= thresholds().few_degrees or before <= 0:  # few say little about the noise
         return 0.0
     degrees = len(at.r) - at.J.shape[1]
     rest = max(_excess(at, r), 0.0) * degrees

@@ -360,7 +360,7 @@ def test_a_file_below_our_own_folder_is_the_same_code_on_a_worker_that_has_it_el
     assert told == [run.run_id, run.record.problem, run.record.code_digest, run.best_value, ""]
 
 
-def test_a_seat_passes_on_in_one_message_what_runs_say_that_end_together():
+def test_a_seat_passes_on_in_one_message_what_runs_say_that_end_together(monkeypatch):
     words = [dask_seat.RAN + bytes([number]) for number in range(50)]
 
     def say(theirs):
@@ -371,6 +371,7 @@ def test_a_seat_passes_on_in_one_message_what_runs_say_that_end_together():
     ours, theirs = multiprocessing.Pipe()
     spec = Spec("sensor_zero", {}, "de", {}, 10, 0)
     child = Child(say)
+    monkeypatch.setattr(dask_seat, "sleep", lambda seconds: child.process.join(60))  # all end within one such time
     try:
         assert dask_seat._do(Pack((Job("a run", spec, "its cell"),) * len(words)), child, theirs) is None
     finally:

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from calibench.bench.statistics.fixed_target import Hits, ecdf, ert, ert_interval, performance_profile, runtimes
-from calibench.bench.store.schema import HITS_SCHEMA
+from calibench.bench.store.arrays import HITS_SCHEMA
 
 ORACLE = "an independent library, not installed here (see docs/statistics.md)"
 

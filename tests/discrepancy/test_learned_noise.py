@@ -75,7 +75,7 @@ def test_a_right_name_is_the_whole_where_nobody_states_the_noise(error: str, nam
     assert told["cy"] == pytest.approx(NOISE, rel=0.35)
 
 
-@pytest.mark.parametrize("seed", few(1, [0, 4]))
+@pytest.mark.parametrize("seed", few(1, [4, 10]))
 def test_names_that_explain_too_little_teach_no_noise(seed: int) -> None:
     readings = _readings(seed, "bump", 0.02, rows=60)
     report = explain(Table(), readings)

@@ -107,7 +107,7 @@ def test_from_as_many_rows_as_nobody_draws_sums_score_every_candidate_as_its_col
         assert not len(U)
         assert (one.effect, one.m) == (other.effect, other.m)
         assert pytest.approx(other.T, rel=1e-6, abs=1e-9) == one.T
-        assert one.visible == pytest.approx(other.visible, rel=1e-6, abs=1e-7)
+        assert one.seen.visible == pytest.approx(other.seen.visible, rel=1e-6, abs=1e-7)
 
 
 def test_the_smallest_p_holds_its_level() -> None:

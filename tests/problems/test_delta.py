@@ -98,4 +98,4 @@ def test_what_no_delta_is_is_refused_in_one_line(options, said):
 
 
 def test_a_plan_has_the_rows_it_says():
-    assert [len(places(name, 100.0)) for name in ("object", "rings", "rich")] == [19, 31, 61]
+    assert [len(places(name, 100.0).between) for name in ("object", "rings", "rich")] == [19, 31, 61]

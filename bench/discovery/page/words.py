@@ -17,7 +17,7 @@ from calibench.core.words import plain
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, part_label, quantity_label, quantity_of
 from calibench.discrepancy.model.effect import IN_ROWS
-from calibench.discrepancy.noise.laws import is_of_noise
+from calibench.discrepancy.noise.laws import OF_NOISE
 from calibench.discrepancy.remarks import NOISE_UNSTATED
 from calibench.discrepancy.report import Amplitude, Caution, Doubt, Finding, Place, Report, Rival
 from calibench.discrepancy.search.finding import BEGINS, FREE_PERIOD
@@ -273,7 +273,7 @@ def floor_holds_the_gap(report: Report) -> bool:
 
 def is_noise(finding: Finding) -> bool:
     """Tell whether a finding blames the noise: it changes no mean, and tells which readings to trust less."""
-    return is_of_noise(finding.family)
+    return finding.family in OF_NOISE
 
 
 def gap_sentence(report: Report) -> str:

@@ -28,16 +28,6 @@ def largest_error(joint: Joint) -> float:
     return thresholds().largest_angle if joint.unit == "rad" else np.inf
 
 
-def largest_play(joint: Joint) -> float:
-    """Return the play in the unit of a joint that its drive may have at most; a slide may have any."""
-    return thresholds().largest_play if joint.unit == "rad" else np.inf
-
-
-def largest_warm_zero(joint: Joint) -> float:
-    """Return how far one kelvin may move the zero of a joint, in its unit; a slide may move any way."""
-    return thresholds().largest_warm_zero if joint.unit == "rad" else np.inf
-
-
 def largest_slope(joint: Joint, column: Array, one: float) -> float:
     """Return the coefficient of a column, (n,), at which the error of the joint is as large as errors may be."""
     furthest = float(np.max(np.abs(np.nan_to_num(np.asarray(column, dtype=float))), initial=0.0))
@@ -77,11 +67,12 @@ def _backlash(family: EffectFamily, formulation: Formulation, target: str) -> Bu
         columns = [-0.5 * came, np.where(came == 0, 1.0, 0.0)]
         return {joint.reading: one * np.stack(columns[:count], axis=-1)}
 
+    most = thresholds().largest_play if joint.unit == "rad" else np.inf  # a slide may have any
     still = int((np.asarray(formulation.data[direction]) == 0).sum())  # rows whose side of the play is not known
     return tuple(
         family.linear(
             target, (direction,), dict.fromkeys(("play", "before its first move")[:k], unit), partial(changes, k),
-            largest=largest_play(joint) / one, measure=lambda c: float(c[0]),
+            largest=most / one, measure=lambda c: float(c[0]),
         )
         for k in ((1, 2) if still > 1 else (1,))
     )  # fmt: skip
@@ -128,12 +119,13 @@ def _zero(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     def changes(late: float, q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {joint.reading: one * (warmth(data, late, column, roles.time, run) - zero_at)[:, None]}
 
-    def form(late: float) -> Effect:
+    per_kelvin = thresholds().largest_warm_zero if joint.unit == "rad" else np.inf  # a slide may move any way
+    forms: list[Effect] = []
+    for late in time_constants(run, roles.time):
         steepest = largest_slope(joint, warmth(run, late, column, roles.time, run) - zero_at, one)
-        most = min(steepest, largest_warm_zero(joint) / one)
-        return family.linear(target, (column,), {"a": f"{name}/K"}, partial(changes, late), largest=most)
-
-    return tuple(form(late) for late in time_constants(run, roles.time))
+        most = min(steepest, per_kelvin / one)
+        forms.append(family.linear(target, (column,), {"a": f"{name}/K"}, partial(changes, late), largest=most))
+    return tuple(forms)
 
 
 scale = recipe(

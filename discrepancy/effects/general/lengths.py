@@ -46,19 +46,9 @@ def warmth(data: MeasuredData, late: float, column: str, clock: str, run: Measur
     if not late:
         return np.asarray(data[column], dtype=float)
     of = (data[clock], data[column], run[clock], run[column])
-    for known, then, warm in _WARM:  # the same for each joint and link that follows the thermometer
-        if then == late and all(a is b for a, b in zip(known, of)):
+    for columns, constant, warm in _WARM:  # the same for each joint and link that follows the thermometer
+        if constant == late and all(a is b for a, b in zip(columns, of)):
             return warm
-    warm = _followed(data, late, column, clock, run)
-    warm.flags.writeable = False
-    _WARM.append((of, late, warm))
-    return warm
-
-
-_WARM: deque[tuple[tuple[Any, ...], float, Array]] = deque(maxlen=4 * _FORMS)
-
-
-def _followed(data: MeasuredData, late: float, column: str, clock: str, run: MeasuredData) -> Array:
     asked, measured = (np.asarray(data[name], dtype=float) for name in (clock, column))
     known, then = (np.asarray(run[name], dtype=float) for name in (clock, column))
     # times and readings of the thermometer, (k,), of `run` and of the rows of `data` from the same run
@@ -80,7 +70,13 @@ def _followed(data: MeasuredData, late: float, column: str, clock: str, run: Mea
     bands = np.ones((2, len(steps)))
     bands[1] = -kept
     follows = np.asarray(dtbtrs(bands, steps[:, None], uplo="L", diag="U")[0][:, 0])
-    return np.asarray(np.interp(asked, even, follows + seen[0]))
+    warm = np.asarray(np.interp(asked, even, follows + seen[0]))
+    warm.flags.writeable = False
+    _WARM.append((of, late, warm))
+    return warm
+
+
+_WARM: deque[tuple[tuple[Any, ...], float, Array]] = deque(maxlen=4 * _FORMS)
 
 
 _ROWS = 500  # rows that are used, evenly over the run

@@ -49,7 +49,21 @@ def accepted(data: MeasuredData, arm: Arm, observe: str = "") -> tuple[MeasuredD
     if data.machine not in ("", "arm"):
         raise DataError(f"{data.name}: these are data of machine {data.machine!r}, not of an arm")
     chain = arm.chain
-    data = entered(in_rows(data, chain))
+    # one target of the flange in a row, without what targets of the base tell of a drift
+    table = table_of_data(data)
+    try:
+        matched = match_columns(readable(table), chain.driven, source=chain.source)
+        table, matched, rows = by_target(table, matched)
+    except ValueError as error:
+        raise DataError(f"{data.name}: {error}", getattr(error, "note", None)) from None
+    if rows is not None:
+        by_row = dict(table.columns)
+        if TARGET in by_row:  # what one target repeats is no repeat of another
+            same = [np.unique(by_row[c], return_inverse=True)[1] for c in (*matched.joints.values(), TARGET)]
+            by_row["pose_id"] = np.unique(np.column_stack(same), axis=0, return_inverse=True)[1].ravel()
+            by_row["visit_id"] = np.arange(len(table))
+        data = replace(data.rows(rows), columns=by_row, notes=once([*data.notes, *table.notes]))
+    data = entered(data)
     table, how = table_of_data(data), HowRead(observe or ("sockets" if SOCKET in data else ""))
     try:
         start = start_of(read_readings(table, chain, how.observe, copies=True), chain)
@@ -89,24 +103,6 @@ def accepted(data: MeasuredData, arm: Arm, observe: str = "") -> tuple[MeasuredD
         columns[WARMTH], metadata[MIDDLE] = warm
     made = replace(whole, columns=columns, units=units, notes=once(notes), machine="arm", metadata=metadata)
     return (made.rows(np.arange(len(whole)) != order[0]) if unknown else made), start
-
-
-def in_rows(data: MeasuredData, chain: Chain) -> MeasuredData:
-    """Return the data with one target of the flange in a row, and without what targets of the base tell of a drift."""
-    table = table_of_data(data)
-    try:
-        matched = match_columns(readable(table), chain.driven, source=chain.source)
-        table, matched, rows = by_target(table, matched)
-    except ValueError as error:
-        raise DataError(f"{data.name}: {error}", getattr(error, "note", None)) from None
-    if rows is None:
-        return data
-    columns = dict(table.columns)
-    if TARGET in columns:  # what one target repeats is no repeat of another
-        same = [np.unique(columns[c], return_inverse=True)[1] for c in (*matched.joints.values(), TARGET)]
-        columns["pose_id"] = np.unique(np.column_stack(same), axis=0, return_inverse=True)[1].ravel()
-        columns["visit_id"] = np.arange(len(table))
-    return replace(data.rows(rows), columns=columns, notes=once([*data.notes, *table.notes]))
 
 
 def completed(data: MeasuredData, chain: Chain, start: Start) -> MeasuredData:

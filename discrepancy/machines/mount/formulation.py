@@ -176,9 +176,8 @@ def accepted(data: MeasuredData) -> tuple[MeasuredData, Kind, float]:
                 f"{data.name}: {name} reaches {np.max(np.abs(column)):.0f} rad; state its unit, in the heading as "
                 f"[deg] or by units={name}:deg"
             )
-    latitude = _latitude(data, kind)
+    data, latitude, (sign, zero) = _stated(data, kind)
     if kind == "altaz":
-        data, (sign, zero) = _azimuth(data)
         read |= {name: sign * read[name] + zero for name in (names[0], names[2])}
 
     # the axes within +-pi, the pitch beyond +-pi/2 where the tube has gone over the pole
@@ -220,29 +219,28 @@ def accepted(data: MeasuredData) -> tuple[MeasuredData, Kind, float]:
     return replace(data, machine="mount"), kind, latitude
 
 
-def _latitude(data: MeasuredData, kind: Kind) -> float:
-    stated = data.metadata.get("latitude_deg")
-    if stated is None and kind == "altaz":
-        return 0.0
-    try:
-        latitude = float(stated)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        raise DataError(f"{data.name}: no latitude; state it in degrees: latitude_deg=39") from None
-    if not (isfinite(latitude) and abs(latitude) <= 90):
-        raise DataError(f"{data.name}: latitude_deg={latitude:g}: -90 to 90 degrees is needed")
-    return float(np.radians(latitude))
-
-
-def _azimuth(data: MeasuredData) -> tuple[MeasuredData, tuple[int, float]]:
-    """Return sign and zero [rad] of azimuth as the file counts it; a note where neither it nor the owner says so."""
-    stated = data.metadata.get("azimuth")
-    if stated is None:
+def _stated(data: MeasuredData, kind: Kind) -> tuple[MeasuredData, float, tuple[int, float]]:
+    """Return the latitude [rad], and sign and zero [rad] of azimuth as it is counted; a note where nobody says so."""
+    stated, latitude = data.metadata.get("latitude_deg"), 0.0
+    if stated is not None or kind != "altaz":
+        try:
+            latitude = float(stated)  # type: ignore[arg-type]
+        except (TypeError, ValueError):
+            raise DataError(f"{data.name}: no latitude; state it in degrees: latitude_deg=39") from None
+        if not (isfinite(latitude) and abs(latitude) <= 90):
+            raise DataError(f"{data.name}: latitude_deg={latitude:g}: -90 to 90 degrees is needed")
+    latitude = float(np.radians(latitude))
+    if kind != "altaz":
+        return data, latitude, geometry.AZIMUTHS[geometry.NORTH_EAST]
+    counted_so = data.metadata.get("azimuth")
+    if counted_so is None:
         others = " or ".join(f"azimuth={way}" for way in geometry.AZIMUTHS if way != geometry.NORTH_EAST)
         text = (
             f"nobody states how azimuth is counted: from north through east is taken; {others} states another, which "
             "turns signs of terms (AN, AW, CA, NPAE)"
         )
-        return data.with_note(Code.SIGNS_TAKEN, text, ("az",)), geometry.AZIMUTHS[geometry.NORTH_EAST]
-    if stated not in geometry.AZIMUTHS:
-        raise DataError(f"{data.name}: azimuth={stated}: {suggest(str(stated), geometry.AZIMUTHS)}")
-    return data, geometry.AZIMUTHS[stated]
+        data = data.with_note(Code.SIGNS_TAKEN, text, ("az",))
+        return data, latitude, geometry.AZIMUTHS[geometry.NORTH_EAST]
+    if counted_so not in geometry.AZIMUTHS:
+        raise DataError(f"{data.name}: azimuth={counted_so}: {suggest(str(counted_so), geometry.AZIMUTHS)}")
+    return data, latitude, geometry.AZIMUTHS[counted_so]

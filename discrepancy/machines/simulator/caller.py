@@ -69,7 +69,21 @@ def of_function(function: Callable[..., Any], names: Names, one: bool) -> Simula
 
     def ask(inputs: Mapping[str, Any], parameters: Mapping[str, Any], n: int) -> Array:
         said = function(dict(inputs), dict(parameters)) if as_mappings else function(**inputs, **parameters)
-        return _table_of(said, names.outputs, n)
+        if isinstance(said, Mapping):
+            if lost := [name for name in names.outputs if name not in said]:
+                there = ", ".join(map(str, said))
+                raise DataError(f"the simulator returned {there}; {', '.join(lost)} is needed too")
+            said = tuple(said[name] for name in names.outputs)
+        if isinstance(said, tuple | list):
+            said = np.stack([np.broadcast_to(np.asarray(one, dtype=float), n) for one in said], axis=-1)
+        table, m = np.asarray(said, dtype=float), len(names.outputs)
+        table = table.reshape(n, -1) if table.ndim < 2 and table.size == n * m else table
+        if table.shape != (n, m):
+            raise DataError(
+                f"the simulator returned shape {table.shape} for {n} rows of {', '.join(names.outputs)}: a mapping "
+                f"name -> array or an array ({n}, {m}) is needed"
+            )
+        return table
 
     def whole(inputs: Array, parameters: Array) -> Array:
         given = {name: inputs[:, k].copy() for k, name in enumerate(names.inputs)}
@@ -149,23 +163,6 @@ def _row_by_row(row: Callable[[Array, Array], Array], m: int) -> Simulator:
     return whole
 
 
-def _table_of(said: Any, outputs: tuple[str, ...], n: int) -> Array:
-    if isinstance(said, Mapping):
-        if lost := [name for name in outputs if name not in said]:
-            raise DataError(f"the simulator returned {', '.join(map(str, said))}; {', '.join(lost)} is needed too")
-        said = tuple(said[name] for name in outputs)
-    if isinstance(said, tuple | list):
-        said = np.stack([np.broadcast_to(np.asarray(one, dtype=float), n) for one in said], axis=-1)
-    table = np.asarray(said, dtype=float)
-    table = table.reshape(n, -1) if table.ndim < 2 and table.size == n * len(outputs) else table
-    if table.shape != (n, len(outputs)):
-        raise DataError(
-            f"the simulator returned shape {table.shape} for {n} rows of {', '.join(outputs)}: a mapping name -> array "
-            f"or an array ({n}, {len(outputs)}) is needed"
-        )
-    return table
-
-
 def code_of(call: str, command: str, fmu: str) -> str:
     """Return the digest of a simulator's code: a module with what it imports, or the files that a command names."""
     whole = blake2b(f"{call}\n{command}\n{fmu}".encode(), digest_size=12)
@@ -219,8 +216,18 @@ class Caller:
             asked.append(keys)
         new = [key for key in jobs if key not in self._known]
         self.rows += sum(len(jobs[key][0]) for key in new)
-        lacking = [key for key in new if not self._read(key)]
-        self._do([(key, *jobs[key]) for key in lacking])
+        lacking = [(key, *jobs[key]) for key in new if not self._read(key)]
+        self.run += sum(len(inputs) for _, inputs, _ in lacking)
+        if lacking and not self.jobs:  # in this process, whose errors say most, and to know how long it takes
+            first = lacking.pop(0)
+            self._known[first[0]] = self._timed(*first)
+        may_fork = "fork" in multiprocessing.get_all_start_methods() and not multiprocessing.current_process().daemon
+        count = min(self.workers, len(lacking))
+        if may_fork and count > 1 and self.seconds / self.jobs * len(lacking) > 10 * _SLOW:
+            self._side_by_side(lacking, count)
+        for key, inputs, parameters in lacking:
+            if key not in self._known and not self._read(key):
+                self._known[key] = self._timed(key, inputs, parameters)
         m = len(self.names.outputs)
         return [np.concatenate([self._known[key] for key in keys]) if keys else np.empty((0, m)) for keys in asked]
 
@@ -238,21 +245,6 @@ class Caller:
             return float(told.read_text()) * len(inputs)
         except (OSError, ValueError):
             return 0.0
-
-    def _do(self, jobs: list[tuple[str, Array, Array]]) -> None:
-        if not jobs:
-            return
-        self.run += sum(len(inputs) for _, inputs, _ in jobs)
-        if not self.jobs:  # in this process, whose errors say most, and to know how long it takes
-            first = jobs.pop(0)
-            self._known[first[0]] = self._timed(*first)
-        may_fork = "fork" in multiprocessing.get_all_start_methods() and not multiprocessing.current_process().daemon
-        count = min(self.workers, len(jobs))
-        if may_fork and count > 1 and self.seconds / self.jobs * len(jobs) > 10 * _SLOW:
-            self._side_by_side(jobs, count)
-        for key, inputs, parameters in jobs:
-            if key not in self._known and not self._read(key):
-                self._known[key] = self._timed(key, inputs, parameters)
 
     def _side_by_side(self, jobs: list[tuple[str, Array, Array]], count: int) -> None:
         """Let `count` processes do the jobs; each writes what it found, and ends when this process has ended."""

@@ -14,6 +14,7 @@ import sys
 import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, final
 
@@ -27,7 +28,7 @@ from calibench.discrepancy.machines.simulator import caller as calls
 from calibench.discrepancy.machines.simulator.caller import Caller, Names, duration, simulators
 from calibench.discrepancy.machines.simulator.local import FEW, LocalModel, Variable
 from calibench.discrepancy.model.formulations import RATE, OfRows, Predicted, numbers_of
-from calibench.discrepancy.model.machine import Description, Numbers, Quantities
+from calibench.discrepancy.model.machine import Description
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, complete
 from calibench.discrepancy.model.roles import Instrument, Joint, Roles
 from calibench.discrepancy.registries import describe, machines
@@ -124,7 +125,8 @@ class SimulatorMachine:
         local.calibrate(seen, data.fitted, np.array([*free.values()], dtype=np.bool_))
         found = dict(zip(numbers, local.parameters.tolist()))
         if clock in local.slopes:  # time itself is an input: its slopes are the rates of the outputs
-            data = _with_computed(data, {f"{RATE}{y}": local.slopes[clock][:, k] for k, y in enumerate(measured)})
+            rates = {f"{RATE}{y}": local.slopes[clock][:, k] for k, y in enumerate(measured)}
+            data = replace(data.with_columns(rates), computed=data.computed | {*rates})
         if not local.independent:
             text = "the table is simulated as a whole, and errors of inputs are not looked for"
             data = data.with_note(Code.SIMULATOR_ROWS, f"rows depend on each other: {text}", inputs)
@@ -169,7 +171,21 @@ class SimulatorMachine:
                 upper = {"inputs": "INPUTS", "parameters": "PARAMETERS", "measured": "OUTPUTS"}[word]
                 where = f", or {upper} = ... in the file" if self.call else ""
                 raise DataError(f"machine.{word}= is missing{where}: a simulator has {word}")
-        numbers = {str(p): _limits(str(p), value) for p, value in dict(parameters).items()}
+        limits: dict[str, tuple[float, float, float]] = {}  # nominal, lower and upper; one number is held
+        for name, value in dict(parameters).items():
+            numbers = [value] if isinstance(value, int | float) and not isinstance(value, bool) else value
+            try:
+                numbers = [float(v) for v in numbers]
+            except (TypeError, ValueError):
+                numbers = []
+            if len(numbers) == 1:
+                numbers *= 3
+            if len(numbers) != 3 or not np.isfinite(numbers).all() or not numbers[1] <= numbers[0] <= numbers[2]:
+                raise DataError(
+                    f"parameter {name}: {shown(value)}: its nominal value, lower and upper bound are needed, such as "
+                    f"[1.2, 0.5, 3.0], or one number, which is held"
+                )
+            limits[str(name)] = numbers[0], numbers[1], numbers[2]
         measured: dict[str, float | str | None] = dict.fromkeys(map(str, outputs))
         if isinstance(outputs, Mapping):
             measured = dict(outputs)
@@ -180,10 +196,10 @@ class SimulatorMachine:
             measured |= self.sigma
         elif self.sigma is not None:
             measured = dict.fromkeys(measured, self.sigma)
-        twice = {*inputs} & {*numbers} | {*inputs} & {*measured} | {*numbers} & {*measured}
+        twice = {*inputs} & {*limits} | {*inputs} & {*measured} | {*limits} & {*measured}
         if twice:
             raise DataError(f"{', '.join(sorted(twice))}: a name is an input, a parameter or measured: one of these")
-        return tuple(map(str, inputs)), numbers, measured
+        return tuple(map(str, inputs)), limits, measured
 
     def _stated(self, name: str) -> Any:
         """Return what the file of the function states under `name` (INPUTS, ...); None where it does not."""
@@ -217,23 +233,6 @@ class SimulatorMachine:
         return Roles(tuple(joints), (), of_run, heat, instruments, tuple(c for c in others if np.ptp(data[c])))
 
 
-def _limits(name: str, value: Any) -> tuple[float, float, float]:
-    """Return nominal, lower and upper of a parameter; one number is held."""
-    numbers = [value] if isinstance(value, int | float) and not isinstance(value, bool) else value
-    try:
-        numbers = [float(v) for v in numbers]
-    except (TypeError, ValueError):
-        numbers = []
-    if len(numbers) == 1:
-        numbers *= 3
-    if len(numbers) != 3 or not np.isfinite(numbers).all() or not numbers[1] <= numbers[0] <= numbers[2]:
-        raise DataError(
-            f"parameter {name}: {shown(value)}: its nominal value, lower and upper bound are needed, such as "
-            f"[1.2, 0.5, 3.0], or one number, which is held"
-        )
-    return numbers[0], numbers[1], numbers[2]
-
-
 @final
 @dataclass(frozen=True, eq=False)
 class _OnRows:
@@ -252,14 +251,7 @@ class _OnRows:
         else:
             rows = np.array([self.numbers.get(int(n), -1) for n in data.row_numbers], dtype=np.intp)
             rows = np.where((rows >= 0) & (self.local.inputs[rows] == given).all(axis=1), rows, -1)
-
-        def predict(q: Quantities) -> Numbers:
-            return self.local.predict(rows, q)
-
-        def slopes(q: Quantities) -> dict[str, Array]:
-            return self.local.slopes_at(rows, q)
-
-        return predict, slopes
+        return partial(self.local.predict, rows), partial(self.local.slopes_at, rows)
 
     def remarks(self) -> tuple[Note, ...]:
         """Return what the search asked of the simulator: the notes of a report."""
@@ -305,11 +297,7 @@ def _moved(data: MeasuredData, inputs: Sequence[str], clock: str) -> MeasuredDat
             moves = np.sign(np.diff(values, prepend=values[:1]))
             last = np.maximum.accumulate(np.where(moves != 0, np.arange(len(t)), 0))
             made[f"{WAY}{u}"] = moves[last][at]
-    return _with_computed(data, made)
-
-
-def _with_computed(data: MeasuredData, made: Mapping[str, Array]) -> MeasuredData:
-    return replace(data.with_columns(dict(made)), computed=data.computed | {*made})
+    return replace(data.with_columns(made), computed=data.computed | {*made})
 
 
 describe("simulator", Description(part_of=str, own_units=True, replaced=("frame_drift", "frame_shift", "polynomial")))

@@ -137,32 +137,42 @@ class LocalModel:
             length = np.where(length > 0, length, 1.0)
             step = np.linalg.lstsq(J / length, r, rcond=1e-9)[0] / length
             moved = float(np.sqrt(np.mean((J @ step) ** 2)))
-            if not self._moved(own, step, measured, fitted) or moved < 0.05:
+            # by the step, or a part of it, to a better place within the limits
+            at = self.places[-1]
+            now = float(np.mean(((left / self.scale)[fitted]) ** 2))
+            for part in (1.0, 0.5, 0.25, 0.1):
+                p = at.parameters[0].copy()
+                for v, change in zip(own, step):
+                    edge = 0.01 * v.width
+                    p[v.at] = float(np.clip(p[v.at] + part * change, v.lower + edge, v.upper - edge))
+                try:
+                    [values] = self.caller.ask([(self.inputs, p)])
+                except Exception:  # a shorter step is tried
+                    continue
+                if np.isfinite(values).all() and np.mean((((measured - values) / self.scale)[fitted]) ** 2) < now:
+                    self.places.append(Place(self.inputs, np.tile(p, (len(self.inputs), 1)), values))
+                    self.parameters = p
+                    break
+            if self.places[-1] is at or moved < 0.05:
                 break
         last = self.places[-1]
         self.parameters, self.places = last.parameters[0], [last, *self.places[:-1]]
         self.scale = np.where(told, self.scale, np.maximum(self.scale, self.noise))
         self._differentiate([v for v in self.variables if v.name in self.steps], last)
-        self._mix(names, last)
 
-    def _moved(self, own: list[Variable], step: Array, measured: Array, fitted: NDArray[np.bool_]) -> bool:
-        """Go by the step, or a part of it, to a better place within the limits; return whether there is one."""
-        at = self.places[-1]
-        now = float(np.mean((((measured - at.values) / self.scale)[fitted]) ** 2))
-        for part in (1.0, 0.5, 0.25, 0.1):
-            p = at.parameters[0].copy()
-            for v, change in zip(own, step):
-                edge = 0.01 * v.width
-                p[v.at] = float(np.clip(p[v.at] + part * change, v.lower + edge, v.upper - edge))
-            try:
-                [values] = self.caller.ask([(self.inputs, p)])
-            except Exception:  # a shorter step is tried
-                continue
-            if np.isfinite(values).all() and np.mean((((measured - values) / self.scale)[fitted]) ** 2) < now:
-                self.places.append(Place(self.inputs, np.tile(p, (len(self.inputs), 1)), values))
-                self.parameters = p
-                return True
-        return False
+        # the mixed curvatures of parameters: those that make up for each other move far together
+        p, pairs = last.parameters[0], [(a, b) for k, a in enumerate(names) for b in names[:k]]
+        first = {v.name: self._offsets(v, self.steps[v.name], p)[0] for v in names}
+        questions = [_varied(v, last.inputs, p, first[v.name]) for v in names]
+        for a, b in pairs:
+            questions.append(_varied(b, *_varied(a, last.inputs, p, first[a.name]), first[b.name]))
+        answers = self.caller.ask(questions)
+        one = dict(zip(first, answers))
+        for (a, b), both in zip(pairs, answers[len(names) :]):
+            area = first[a.name] * first[b.name]
+            bend = (both - one[a.name] - one[b.name] + last.values) / area
+            sure = np.isfinite(bend) & (np.abs(bend) > 4 * self.noise / abs(area))
+            self.mixed[a.name, b.name] = np.where(sure, bend, 0.0)
 
     def predict(self, rows: NDArray[np.intp], q: Quantities) -> Array:
         """Return the prediction, (n, m), for `rows` of the table, -1 for one that it does not have, at quantities q."""
@@ -196,7 +206,18 @@ class LocalModel:
                 self.places = [self.places[0], *self.places[1:][-_PLACES:], whole]
                 return values
         there = self._parts(rows, best.inputs[rows], best.parameters[rows], self.places[0])
-        return np.asarray(best.values[rows] + self._quadratic(rows, away) - self._quadratic(rows, there))
+        changes = []  # from the base to here, and to the place, to second order
+        for apart in (away, there):
+            total = np.zeros((len(rows), self.places[0].values.shape[1]))
+            for name, change in apart.items():
+                if np.any(change):
+                    d = change[:, None]
+                    total += (self.slopes[name][rows] + self.curves[name][rows] * d) * d
+            for (a, b), bend in self.mixed.items():
+                if np.any(apart[a]) and np.any(apart[b]):
+                    total += bend[rows] * (apart[a] * apart[b])[:, None]
+            changes.append(total)
+        return np.asarray(best.values[rows] + changes[0] - changes[1])
 
     def slopes_at(self, rows: NDArray[np.intp], q: Quantities) -> dict[str, Array]:
         """Return the derivative of the prediction in each variable, name -> (n, m); 0 in one that is never varied."""
@@ -254,17 +275,6 @@ class LocalModel:
                 total = total + self.reaches[name] * np.abs(change)[:, None]
         return total
 
-    def _quadratic(self, rows: NDArray[np.intp], away: Mapping[str, Array]) -> Array:
-        total = np.zeros((len(rows), self.places[0].values.shape[1]))
-        for name, change in away.items():
-            if np.any(change):
-                d = change[:, None]
-                total += (self.slopes[name][rows] + self.curves[name][rows] * d) * d
-        for (a, b), bend in self.mixed.items():
-            if np.any(away[a]) and np.any(away[b]):
-                total += bend[rows] * (away[a] * away[b])[:, None]
-        return total
-
     def _differentiate(self, variables: list[Variable], at: Place) -> None:
         """Take slopes and curvatures of `variables` at a place of all rows, all calls side by side."""
         p = at.parameters[0]
@@ -288,22 +298,6 @@ class LocalModel:
             bend = np.where(np.abs(bend) > 2 * self.noise / (h * h), bend, 0.0)
             self.slopes[v.name], self.curves[v.name] = slope, bend
             self.reaches[v.name] = np.sqrt(np.sqrt(np.mean(bend**2, axis=0)))
-
-    def _mix(self, variables: list[Variable], at: Place) -> None:
-        """Take the mixed curvatures of parameters: those that make up for each other move far together."""
-        p = at.parameters[0]
-        pairs = [(a, b) for k, a in enumerate(variables) for b in variables[:k]]
-        first = {v.name: self._offsets(v, self.steps[v.name], p)[0] for v in variables}
-        questions = [_varied(v, at.inputs, p, first[v.name]) for v in variables]
-        for a, b in pairs:
-            questions.append(_varied(b, *_varied(a, at.inputs, p, first[a.name]), first[b.name]))
-        answers = self.caller.ask(questions)
-        one = dict(zip(first, answers))
-        for (a, b), both in zip(pairs, answers[len(variables) :]):
-            area = first[a.name] * first[b.name]
-            bend = (both - one[a.name] - one[b.name] + at.values) / area
-            sure = np.isfinite(bend) & (np.abs(bend) > 4 * self.noise / abs(area))
-            self.mixed[a.name, b.name] = np.where(sure, bend, 0.0)
 
     def _offsets(self, v: Variable, h: float, p: Array) -> tuple[float, float]:
         """Return the two offsets of a difference: to both sides, or to one where a limit is nearer than the step."""

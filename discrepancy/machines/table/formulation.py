@@ -241,21 +241,17 @@ def said_again(name: str, y: Array, column: str, c: Array, alike: float = _LEAST
     apart = c[high] > c[low]
     slope = float(np.median((y[high] - y[low])[apart] / (c[high] - c[low])[apart])) if apart.any() else 0.0
     zero = float(np.median(y - slope * c))
-    most = _ROUNDED * (_step(y) + abs(slope) * _step(c)) + 1e-9 * float(np.ptp(y))
+    steps = []  # of the last digit in which each is told, 0 for more digits than are written
+    for values in (y, c):
+        digits = (k for k in range(_MOST_DIGITS) if np.array_equal(np.round(values, k), values))
+        steps.append(next((float(10.0**-k) for k in digits), 0.0))
+    most = _ROUNDED * (steps[0] + abs(slope) * steps[1]) + 1e-9 * float(np.ptp(y))
     many = int(np.count_nonzero(np.abs(y - slope * c - zero) <= most))
     if not slope or most > _MOST_OFF * np.std(y) or many < alike * len(y):
         return ""
     shift = f" {'-' if zero < 0 else '+'} {plain(abs(zero), 4)}" if abs(zero) > most else ""
     rows = "all rows" if many == len(y) else f"{many} of {counted(len(y), 'row')}"
     return f"{name} is {plain(slope, 4)} times {column}{shift} in {rows}, the same in other numbers"
-
-
-def _step(column: Array) -> float:
-    """Return the step of the last digit in which a column is told, 0 for more digits than are written."""
-    for digits in range(_MOST_DIGITS):
-        if np.array_equal(np.round(column, digits), column):
-            return float(10.0**-digits)
-    return 0.0
 
 
 def known(data: MeasuredData, what: str, *names: str) -> None:
