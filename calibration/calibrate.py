@@ -251,11 +251,15 @@ class Calibration:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
+        names = [self.fit.model.names[k] for k in self.fit.kept]
+        of, sliding = {"gain": "", "elastic": "rad/(N m)"}, self.fit.model.sliding
+        units = [of.get(n.partition("_")[0], "mm" if is_length(n, sliding) else "rad") for n in names]
+        covariance = {"names": names, "units": units, "matrix": self.fit.covariance.tolist()}
         return {
             "schema_version": SCHEMA_VERSION, "case": self.case,
             "urdf" if self.arm.table is None else "dh": str(self.arm.path),
             **{key: finite(getattr(self, key)) for key in _TO_JSON}, "before": finite(self.before),
-            "after": finite(self.after), "covariance": self.fit.covariance_by_name(),
+            "after": finite(self.after), "covariance": covariance,
         }  # fmt: skip
 
 
@@ -325,7 +329,7 @@ def calibrate_arm(
     elif different < len(readings):
         folds = f"each of {different} different ones left out once with its repeats, in {choice.folds} groups"
     if not train.all():  # a row that is held back is wild as a fitted one is, but beside those that are held back
-        judged = {one: fitting.predict(fits[one], model, ~train) for one in tried}
+        judged = {one: fitting.judge(model, np.where(train, -1, 0), [fits[one].p]) for one in tried}
         wild = np.zeros(len(train), dtype=bool)
         wild[train] = fit.wild
         for sizes in (judged[chosen].position, judged[chosen].rotation):

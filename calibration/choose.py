@@ -58,7 +58,12 @@ def choose(fits: Mapping[str, Fit], levels: Sequence[str], common: Fit) -> Choic
     allowed = [one for one in candidates if one.level in levels]
     level = _best(allowed, None).level
     written = {one: refit(best[one].fit) for one in fits}
-    unseen = {one: _unseen(allowed if one == level else some, written[one], fold) for one, some in of_level.items()}
+    unseen = {}
+    for one, some in of_level.items():  # the errors of each fold by the candidate that the others choose
+        others = allowed if one == level else some
+        without = [_best(others, f).without[f] for f in range(int(fold.max()) + 1)]
+        alone, shared = _variance(written[one], fold)
+        unseen[one] = replace(judge(written[one].model, fold, without), alone=alone, shared=shared)
     return Choice(level, written, unseen, int(fold.max()) + 1)
 
 
@@ -75,13 +80,6 @@ def _best(candidates: Sequence[_Candidate], without: int | None) -> _Candidate:
         gain = squares[0] - squares[best]
         best = best if gain.mean() > gain.std(ddof=1) / np.sqrt(len(gain)) else 0
     return candidates[best]
-
-
-def _unseen(candidates: Sequence[_Candidate], written: Fit, fold: Index) -> HeldOut:
-    """Return the errors of each fold by the candidate that the others choose, fitted to the others."""
-    without = [_best(candidates, f).without[f] for f in range(int(fold.max()) + 1)]
-    alone, shared = _variance(written, fold)
-    return replace(judge(written.model, fold, without), alone=alone, shared=shared)
 
 
 def _variance(fit: Fit, fold: Index) -> tuple[float, float]:

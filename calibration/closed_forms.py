@@ -14,7 +14,7 @@ import numpy as np
 
 from calibench.calibration.frames import nearest_rotation
 from calibench.calibration.hand_eye_fit import Adjustment, Sight, axes_of
-from calibench.calibration.rigid import Array, Mask, inverse, rotation_of, vector_of
+from calibench.calibration.rigid import Array, inverse, rotation_of, vector_of
 from calibench.core.words import plain
 
 _MOST = 300  # pairs: of more, every second, third ...
@@ -40,14 +40,6 @@ class ClosedForm:
     noise: float
     noise_turn: float
 
-    def beyond(self, half: Array, half_turn: Array) -> tuple[bool, bool]:
-        """Return whether it is outside of our interval, with all pairs and with the near ones."""
-        all_, near = (
-            bool((np.abs(shift) > half).any() or (np.abs(turn) > half_turn).any())
-            for shift, turn in ((self.shift, self.turn), (self.shift_near, self.turn_near))
-        )
-        return all_, near
-
     def size(self) -> str:
         """Return how far it is from ours, in words."""
         shift, turn = (float(np.linalg.norm(one)) for one in (self.shift, self.turn))
@@ -68,7 +60,20 @@ def closed_forms(found: Adjustment) -> tuple[ClosedForm, ...]:
     near = some & ~found.wild
     arm, seen = found.sight.moved(found.offset), found.sight.seen.copy()
     seen[:, :3, 3] /= found.scale
-    drawn = _drawn(found, near)
+
+    # what the board would be seen at with the noise of `found`, drawn anew
+    sight: Sight = found.sight.at(near)
+    true = found.mount @ sight.moved(found.offset) @ found.tool
+    axes = axes_of(replace(found, sight=sight)).swapaxes(1, 2)
+    rng = np.random.default_rng(np.random.SeedSequence([len(true), 18]))
+    drawn = []
+    for noise in rng.normal(size=(_DRAWS, len(true), 6)) * found.noise[found.groups]:
+        error = (axes @ noise[:, :, None])[:, :, 0]
+        board = true.copy()
+        board[:, :3, 3] += error[:, :3] / found.scale
+        board[:, :3, :3] = rotation_of(error[:, 3:]) @ true[:, :3, :3]
+        drawn.append(board)
+
     made = []
     for name, solve in FORMS.items():
         try:
@@ -138,19 +143,3 @@ def _placed(a: Array, b: Array, turn: Array) -> Array:
 def _away(found: Adjustment, camera: Array) -> tuple[Array, Array]:
     ours = inverse(found.mount)
     return camera[:3, 3] - ours[:3, 3], vector_of((camera[:3, :3] @ ours[:3, :3].T)[None])[0]
-
-
-def _drawn(found: Adjustment, near: Mask) -> list[Array]:
-    """Return what the board would be seen at with the noise of `found`, drawn anew."""
-    sight: Sight = found.sight.at(near)
-    true = found.mount @ sight.moved(found.offset) @ found.tool
-    axes = axes_of(replace(found, sight=sight)).swapaxes(1, 2)
-    rng = np.random.default_rng(np.random.SeedSequence([len(true), 18]))
-    made = []
-    for noise in rng.normal(size=(_DRAWS, len(true), 6)) * found.noise[found.groups]:
-        error = (axes @ noise[:, :, None])[:, :, 0]
-        seen = true.copy()
-        seen[:, :3, 3] += error[:, :3] / found.scale
-        seen[:, :3, :3] = rotation_of(error[:, 3:]) @ true[:, :3, :3]
-        made.append(seen)
-    return made

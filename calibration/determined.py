@@ -82,17 +82,13 @@ def well_determined(columns: Array, distinct: float, worst: Array, noise: float 
     """Return which of `columns`, (m, k), are independent and known to `worst` with `noise`; the vaguest goes first."""
     kept = independent_columns(columns, distinct)
     while len(kept):
-        over = noise * standard_errors(columns[:, kept]) / worst[kept]
+        sizes = np.linalg.norm(columns[:, kept], axis=0)
+        inverse = np.linalg.inv(np.linalg.qr(columns[:, kept] / sizes, mode="r"))
+        over = noise * (np.linalg.norm(inverse, axis=1) / sizes) / worst[kept]  # standard errors over their bounds
         if over.max() <= 1.0:
             break
         kept.pop(int(np.argmax(over)))
     return kept
-
-
-def standard_errors(columns: Array) -> Array:
-    """Return the standard error of the number of each of independent `columns`, (m, k), where rows have noise of 1."""
-    sizes = np.linalg.norm(columns, axis=0)
-    return np.asarray(np.linalg.norm(np.linalg.inv(np.linalg.qr(columns / sizes, mode="r")), axis=1) / sizes)
 
 
 def unexplained(columns: Array, residuals: Array) -> Array:

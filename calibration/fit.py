@@ -7,7 +7,7 @@ draw.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, final
+from typing import final
 
 import numpy as np
 from scipy.special import chdtri, fdtri
@@ -48,13 +48,6 @@ class Fit:
         """Return 1 for the readings that had an influence, 0 for the wild, (n,)."""
         return np.where(self.wild, 0.0, 1.0)
 
-    def covariance_by_name(self) -> dict[str, Any]:
-        """Return `names`, `units` and the `matrix` of the covariance of the numbers that were free, for JSON."""
-        names = [self.model.names[k] for k in self.kept]
-        of = {"gain": "", "elastic": "rad/(N m)"}
-        units = [of.get(n.partition("_")[0], "mm" if is_length(n, self.model.sliding) else "rad") for n in names]
-        return {"names": names, "units": units, "matrix": self.covariance.tolist()}
-
 
 def fit_arm(model: ArmModel, order: Sequence[int], start: Array | None = None) -> Fit:
     """Return the fit of the parameters in `order` that are determined; wild readings are left out and named."""
@@ -72,9 +65,15 @@ def fit_arm(model: ArmModel, order: Sequence[int], start: Array | None = None) -
             middle = float(np.median(size[~wild]))
             sigma[k] = max(middle / 1.538, _FLOOR)  # the median length of three unit normals is 1.538
             far |= size > _WILD * max(middle, 1e3 * _FLOOR)
-        if model.loci is not None:
-            far, scatter, sigma[0] = _by_kind(model, model.errors(p, weights)[0], wild)
-            model = replace(model, scatter=scatter)
+        if model.loci is not None:  # by the kinds of what was read of fixtures
+            size = norms((model.errors(p, weights)[0], None))
+            kind, noise = model.loci.kind * 4 + model.counted.astype(int), np.ones(len(size))
+            for one in np.unique(kind):
+                there = kind == one
+                usual = float(np.sqrt(chdtri(one % 4, 0.5)))  # the median length of so many unit normals
+                noise[there] = max(float(np.median(size[there & ~wild])) / usual, _FLOOR)
+            far = np.asarray(size > _WILD * 1.538 * np.maximum(noise, 1e3 * _FLOOR))
+            model, sigma[0] = replace(model, scatter=noise / noise[0]), float(noise[0])
         if far.mean() <= (_MOST_IN_SOCKETS if model.position is None else _MOST):  # else they cannot be exceptions
             wild = far
         settled = np.allclose(sigma, model.sigma, rtol=_SAME, atol=0.0)
@@ -150,17 +149,6 @@ def far_out(size: Array) -> Mask:
     return np.zeros(len(size), dtype=bool) if far.mean() > _MOST else far
 
 
-def _by_kind(model: ArmModel, errors: Array, wild: Mask) -> tuple[Mask, Array, float]:
-    """Return which `errors` (n, 3) are wild, the noise of each reading by its kind over that of the first, and that."""
-    assert model.loci is not None
-    size, kind, noise = norms((errors, None)), model.loci.kind * 4 + model.counted.astype(int), np.ones(len(errors))
-    for one in np.unique(kind):
-        there = kind == one
-        usual = float(np.sqrt(chdtri(one % 4, 0.5)))  # the median length of so many unit normals
-        noise[there] = max(float(np.median(size[there & ~wild])) / usual, _FLOOR)
-    return np.asarray(size > _WILD * 1.538 * np.maximum(noise, 1e3 * _FLOOR)), noise / noise[0], float(noise[0])
-
-
 FOLDS = 5  # of pairs of a camera
 _APART = 2000  # poses that are drawn each by itself
 _FAR = 6.0  # times the median: a posture beyond has no influence on the point of its own socket
@@ -182,12 +170,6 @@ class HeldOut:
     shared: float = 0.0
 
 
-def predict(fit: Fit, model: ArmModel, there: Mask) -> HeldOut:
-    """Return the errors by `fit` of the poses of `model` that are `there` (n,), none of which it was fitted to."""
-    position, turned = np.full((2, len(there)), np.nan)
-    return HeldOut(position, None if model.turns is None else turned, _put(fit.p, model, there, position, turned))
-
-
 def folds_of(model: ArmModel, most: int) -> Index:
     """Return the fold of each reading, (n,) 0, 1, ...: repeats of a pose are in one, and so is a place of sockets."""
     places = np.unique(model.place)
@@ -197,7 +179,7 @@ def folds_of(model: ArmModel, most: int) -> Index:
 
 
 def judge(model: ArmModel, fold: Index, by_fold: Sequence[Array]) -> HeldOut:
-    """Return the errors of all poses, those of a fold by the parameters that are given for it."""
+    """Return the errors of all poses, those of a fold by the parameters that are given for it; none of fold -1."""
     position, turned = np.full((2, len(fold)), np.nan)
     spans = [_put(p, model, np.asarray(fold == k), position, turned) for k, p in enumerate(by_fold)]
     return HeldOut(position, None if model.turns is None else turned, np.concatenate(spans))

@@ -421,10 +421,13 @@ def _of_noise(adjustment: Adjustment) -> Iterator[Note]:
 
 def _of_forms(forms: Sequence[ClosedForm], camera: Frame, found: Adjustment) -> Iterator[Note]:
     """Yield where closed forms lie outside of the interval of the `camera`, and why, unless noise alone does that."""
-    half = (np.diff(camera.position_ci95)[:, 0] / 2, np.array(camera.turn_within95))
-    beyond = [(form, *form.beyond(*half)) for form in forms]
-    far = [form for form, of_all, _ in beyond if of_all]
-    near = [form for form, _, of_near in beyond if of_near]
+    half, half_turn = np.diff(camera.position_ci95)[:, 0] / 2, np.array(camera.turn_within95)
+    far: list[ClosedForm] = []  # of all pairs, and of the near ones
+    near: list[ClosedForm] = []
+    for form in forms:
+        for those, shift, turn in ((far, form.shift, form.turn), (near, form.shift_near, form.turn_near)):
+            if (np.abs(shift) > half).any() or (np.abs(turn) > half_turn).any():
+                those.append(form)
     if not far:
         return
     noise = f"{plain(max(form.noise for form in far), 2)} mm"

@@ -135,18 +135,31 @@ def adjust(
     )  # fmt: skip
     known = np.array(stated)
     found = _settle(begin, known)
-    groups = _directions(found, known)
+
+    # the axes of noise are apart where what is left of them differs more than noise would
+    kept, groups = ~found.wild, _WHOLE.copy()
+    if kept.sum() >= _ROWS:
+        as_apart = replace(found, groups=_APART, noise=found.noise[[0, 1, 0, 1]])
+        found_apart = _with_noise(as_apart, _left(as_apart), np.zeros(4))
+        for k in (0, 1):
+            along, across = found_apart.noise[k], found_apart.noise[k + 2]
+            if known[k] or max(along, across) <= 1e3 * _FLOOR:
+                continue
+            ratio = (along / across) ** 2
+            chance = f.sf(ratio, found_apart.freedom[k], found_apart.freedom[k + 2])
+            if min(chance, 1 - chance) < _CHANCE / 2:
+                groups[3 * k + 1 : 3 * k + 3] = k + 2
     if not np.array_equal(groups, found.groups):
         used = np.unique(groups)
         groups = np.searchsorted(used, groups)
         noise = found.noise[used % 2]
         found = _settle(replace(found, groups=groups, noise=noise), known[used % 2])
     # wider errors where residuals follow those of the row before: the first lag of Newey and West
-    residuals, kept = _slopes(found)[1], np.flatnonzero(~found.wild)
+    residuals = _slopes(found)[1][~found.wild]
     alike = np.zeros(len(found.noise))
-    if len(kept) >= _ROWS:
+    if len(residuals) >= _ROWS:
         for g in range(len(alike)):
-            one = residuals[kept][:, found.groups == g]
+            one = residuals[:, found.groups == g]
             one = one - one.mean(axis=0)
             r = float((one[1:] * one[:-1]).sum() / max(float((one**2).sum()), _FLOOR))
             if found.noise[g] > 1e3 * _FLOOR and r * np.sqrt(one.size) > norm.ppf(1 - _CHANCE):
@@ -285,24 +298,6 @@ def _rows_of(found: Adjustment) -> tuple[Array, Array]:
 def _value(found: Adjustment) -> float:
     value = float(((_left(found)[~found.wild] / found.noise[found.groups]) ** 2).sum())
     return value if np.isfinite(value) else np.inf
-
-
-def _directions(found: Adjustment, stated: Array) -> Index:
-    """Return the groups of the axes of noise, apart where what is left of them differs more than noise would."""
-    kept, groups = ~found.wild, _WHOLE.copy()
-    if kept.sum() < _ROWS:
-        return groups
-    as_apart = replace(found, groups=_APART, noise=found.noise[[0, 1, 0, 1]])
-    found_apart = _with_noise(as_apart, _left(as_apart), np.zeros(4))
-    for k in (0, 1):
-        along, across = found_apart.noise[k], found_apart.noise[k + 2]
-        if stated[k] or max(along, across) <= 1e3 * _FLOOR:
-            continue
-        ratio = (along / across) ** 2
-        chance = f.sf(ratio, found_apart.freedom[k], found_apart.freedom[k + 2])
-        if min(chance, 1 - chance) < _CHANCE / 2:
-            groups[3 * k + 1 : 3 * k + 3] = k + 2
-    return groups
 
 
 def stands_of(poses: Array) -> Array:

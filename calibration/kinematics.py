@@ -154,22 +154,6 @@ def nominal(chain: Chain) -> Array:
     return values
 
 
-def vector(chain: Chain, p: Mapping[str, Any] | Array) -> Array:
-    """Return parameters as a vector in the order of `parameter_names`; what a mapping leaves out is nominal."""
-    if not isinstance(p, Mapping):
-        given, needed = np.ascontiguousarray(p, dtype=float), (12 + 8 * len(chain.joints),)
-        if given.shape != needed:
-            raise ChainError(f"{chain.name}: {given.shape} parameters were given; {needed} are needed")
-        return given
-    names, values = parameter_names(chain), nominal(chain)
-    index = {name: k for k, name in enumerate(names)}
-    for name, value in p.items():
-        if name not in index:
-            raise ChainError(f"{chain.name}: {name!r} is no parameter of it; {suggest(name, names)}")
-        values[index[name]] = value
-    return values
-
-
 def forward(chain: Chain, p: Mapping[str, Any] | Array, q: Array) -> Array:
     """Return where the target is and how it is turned in the world, (n, 4, 4) [mm], at the readings q, (n, columns)."""
     return _poses(chain, p, q, _NONE, oriented=False)[0]
@@ -200,7 +184,18 @@ def _poses(chain: Chain, p: Mapping[str, Any] | Array, q: Array, free: Index, or
             f"{chain.name}: q has {q.shape[1]} columns; one is needed for each of {', '.join(chain.driven)}"
         )
     stands = np.ascontiguousarray(chain.positions(q))
-    seen, screws = kernels.poses(vector(chain, p), free, *chain.fixed, stands, oriented)
+    if isinstance(p, Mapping):  # what it leaves out is nominal
+        names, values = parameter_names(chain), nominal(chain)
+        index = {name: k for k, name in enumerate(names)}
+        for name, value in p.items():
+            if name not in index:
+                raise ChainError(f"{chain.name}: {name!r} is no parameter of it; {suggest(name, names)}")
+            values[index[name]] = value
+    else:
+        values, needed = np.ascontiguousarray(p, dtype=float), (12 + 8 * len(chain.joints),)
+        if values.shape != needed:
+            raise ChainError(f"{chain.name}: {values.shape} parameters were given; {needed} are needed")
+    seen, screws = kernels.poses(values, free, *chain.fixed, stands, oriented)
     made = np.zeros((len(q), 4, 4))
     made[:, :3, 3], made[:, :3, 0], made[:, :3, 1] = seen[:, :3], seen[:, 3:6], seen[:, 6:]
     made[:, :3, 2], made[:, 3, 3] = cross(seen[:, 3:6], seen[:, 6:]), 1.0

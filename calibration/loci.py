@@ -194,7 +194,15 @@ class _Solved(NamedTuple):
 def _solve(places: Array, read: Array, loci: Loci, near: Mask, base: Array | None = None) -> _Solved:
     """Return base and fixtures for targets at `places` (n, 3) in the base, and what each reading is off, (n, 3)."""
     axes = (loci.fixture < 0) & np.isfinite(read).any(axis=1)
-    spheres = {k: _sphere(places, loci, near, k) for k, one in enumerate(loci.fixtures) if one.kind == DISTANCE}
+    spheres = {}  # the point (3,) from which places are as far as was read: p p - d d = 2 c p - (c c)
+    for k in (k for k, one in enumerate(loci.fixtures) if one.kind == DISTANCE):
+        mine = (loci.fixture == k) & near
+        middle = places[mine].mean(axis=0)
+        about = places[mine] - middle
+        size = float(np.sqrt((about**2).mean())) or 1.0
+        rows = np.column_stack([2 * about, np.full(len(about), -size)])
+        wanted = (about**2).sum(axis=1) - loci.length[mine] ** 2
+        spheres[k] = np.linalg.lstsq(rows, wanted, rcond=1e-9)[0][:3] + middle
     if base is None:
         stated = [k for k in spheres if loci.fixtures[k].stated]
         base = np.eye(4)
@@ -226,17 +234,6 @@ def _solve(places: Array, read: Array, loci: Loci, near: Mask, base: Array | Non
     made = replace(loci, fixtures=tuple(fixtures))
     off = made.residuals(seen, read, np.zeros(len(made.names)))[0]
     return _Solved(base, made, off, float(np.median(np.linalg.norm(off, axis=1))))
-
-
-def _sphere(places: Array, loci: Loci, near: Mask, k: int) -> Array:
-    """Return the point (3,) from which `places` are as far as was read of fixture k: p p - d d = 2 c p - (c c)."""
-    mine = (loci.fixture == k) & near
-    middle = places[mine].mean(axis=0)
-    about = places[mine] - middle
-    size = float(np.sqrt((about**2).mean())) or 1.0
-    rows = np.column_stack([2 * about, np.full(len(about), -size)])
-    wanted = (about**2).sum(axis=1) - loci.length[mine] ** 2
-    return np.asarray(np.linalg.lstsq(rows, wanted, rcond=1e-9)[0][:3] + middle)
 
 
 def _base_of_axes(places: Array, read: Array) -> Array:

@@ -165,15 +165,10 @@ class ArmModel:
         if self.position is None:
             return poses[:, :3, 3] - self._means(poses[:, :3, 3], weights)[self.socket], None
         if self.loci is not None:
-            return self._across(p, poses)[0], None
+            return self.loci.residuals(poses[:, :3, 3], self.position, self.parts(p)[3])[0], None
         poses = inverse(poses) if self.sees else poses
         turned = None if self.turns is None else np.einsum("nij,nkj->nik", poses[:, :3, :3], self.turns)
         return poses[:, :3, 3] - self.position, None if turned is None else vector_of(turned)
-
-    def _across(self, p: Array, poses: Array) -> tuple[Array, Array, Array]:
-        assert self.loci is not None
-        assert self.position is not None
-        return self.loci.residuals(poses[:, :3, 3], self.position, self.parts(p)[3])
 
     def residuals(self, p: Array, weights: Array) -> tuple[Array, Array]:
         """Return residuals (n, c) over their noise, and those of known distances, (d,)."""
@@ -198,7 +193,8 @@ class ArmModel:
             over = slopes[:, :3] / self.of_rows[:, None, None]
             if self.loci is not None:
                 every = np.zeros((len(slopes), 3, len(p)))
-                _, across, of_fixtures = self._across(p, self.placed(p))
+                places, numbers = self.placed(p)[:, :3, 3], self.parts(p)[3]
+                _, across, of_fixtures = self.loci.residuals(places, self.position, numbers)
                 every[:, :, len(p) - 6 - of_fixtures.shape[2] : -6] = of_fixtures / self.of_rows[:, None, None]
                 over = across @ over + every[:, :, kept]
             if self.turns is not None:

@@ -129,7 +129,7 @@ def foretold(fit: Fit) -> tuple[float, float]:
     rng, errors_of = np.random.default_rng(0), []
     for low, high in ranges(model):
         joints = low + (high - low) * rng.random((_DRAWN, len(low)))
-        slopes = _whitened(model, p, joints, distinct)[:, :3] * model.sigma[0]
+        slopes = at_joints(model, joints).jacobian(p, distinct, np.ones(_DRAWN))[0][:, :3] * model.sigma[0]
         errors = np.linalg.solve(triangle.T, slopes.reshape(-1, len(distinct)).T)
         errors_of.append(float(np.sqrt((errors**2).sum() / _DRAWN)))
     return errors_of[0], errors_of[1]
@@ -285,7 +285,8 @@ def design_poses(
         good = measured[~fit.wild].reshape(-1, len(kept))
         before = good.T @ good
     rows = _as_read(model, p, pool, kept)
-    workspace = _whitened(model, p, pool[_POOL:], kept)[:, :3] * scale * noise[0] * of_joints
+    workspace = at_joints(model, pool[_POOL:]).jacobian(p, kept, np.ones(len(pool) - _POOL))[0][:, :3]
+    workspace = workspace * scale * noise[0] * of_joints
     chosen = choose(rows[:_POOL] * scale, before, workspace, count, by, np.where(of_joints, 1 / off**2, _PRIOR))
     joints = pool[list(chosen.places)]
     endless = [joint for joint in chain.joints if not np.isfinite(joint.upper - joint.lower)]
@@ -308,16 +309,12 @@ def design_poses(
     )  # fmt: skip
 
 
-def _whitened(model: ArmModel, p: Array, joints: Array, kept: Index) -> Array:
-    return at_joints(model, joints).jacobian(p, kept, np.ones(len(joints)))[0]
-
-
 def _as_read(model: ArmModel, p: Array, joints: Array, kept: Index) -> Array:
     """Return the whitened slopes of poses to come, (n, c, k), each read in all ways in which poses were read."""
-    if (loci := model.loci) is None:
-        return _whitened(model, p, joints, kept)
-    assert model.position is not None
     there, rows = at_joints(model, joints), []
+    if (loci := model.loci) is None:
+        return there.jacobian(p, kept, np.ones(len(joints)))[0]
+    assert model.position is not None
     assert there.position is not None
     for k in np.unique(loci.fixture):
         axes = np.isfinite(model.position[loci.fixture == k]).any(axis=0)

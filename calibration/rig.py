@@ -54,7 +54,11 @@ def unfolded(columns: Mapping[str, Any], matched: Matched, unit: str) -> tuple[d
             )
         places = np.column_stack([columns[c] for c in axes]).astype(float)
 
-    spread = np.array([_spread(places[which == k]) for k in range(len(names))])
+    spread = np.zeros(len(names))  # the median way of a target from its middle
+    for k in range(len(names)):
+        known = places[(which == k) & np.isfinite(places).all(axis=1)]
+        if len(known):
+            spread[k] = np.median(np.linalg.norm(known - np.median(known, axis=0), axis=1))
     still = spread < _STILL * spread.max()
     moves = ~still[which]
     notes: list[Note] = []
@@ -64,8 +68,12 @@ def unfolded(columns: Mapping[str, Any], matched: Matched, unit: str) -> tuple[d
         if clock.dtype.kind in "iuf" and n and np.isfinite(clock).all() and np.ptp(clock) > 0:
             times = clock.astype(float)
         course = course_of(places[~moves], which[~moves], times[rows], moves, rows)
-        there = places[moves]
-        places[moves] = course.without(there, times[rows[moves]])
+
+        # as a tracker that stood still had read them
+        there, basis = places[moves], _basis(course.kind, course.knots, times[rows[moves]])
+        back = np.swapaxes(rotation_of(basis @ course.turns), 1, 2) - np.eye(3)
+        shifted = there - basis @ course.shifts
+        places[moves] = shifted + np.einsum("nij,nj->ni", back, shifted - course.middle)
         by = float(np.nanmax(np.linalg.norm(places[moves] - there, axis=1)))
         notes.append(course.note([name for name, one in zip(names, still, strict=True) if one], by, unit))
     others = {c for group in matched.targets.values() for c in group.values()}
@@ -79,11 +87,6 @@ def unfolded(columns: Mapping[str, Any], matched: Matched, unit: str) -> tuple[d
     else:
         del made[TARGET]
     return made, rows[moves], notes
-
-
-def _spread(places: Array) -> float:
-    places = places[np.isfinite(places).all(axis=1)]
-    return float(np.median(np.linalg.norm(places - np.median(places, axis=0), axis=1))) if len(places) else 0.0
 
 
 @final
@@ -101,13 +104,6 @@ class Course:
     middle: Array
     visits: int
     scatter: float = 0.0
-
-    def without(self, places: Array, times: Array) -> Array:
-        """Return `places` (n, 3), read at `times` (n,), as a tracker that stood still had read them."""
-        basis = _basis(self.kind, self.knots, times)
-        back = np.swapaxes(rotation_of(basis @ self.turns), 1, 2) - np.eye(3)
-        there = places - basis @ self.shifts
-        return np.asarray(there + np.einsum("nij,nj->ni", back, there - self.middle))
 
     def note(self, names: Sequence[str], by: float, unit: str) -> Note:
         """Return what the base's targets tell, in `unit`; `by` is the most by which a reading was moved."""
@@ -148,8 +144,9 @@ def course_of(places: Array, which: Index, times: Array, moves: Any, rows: Index
         """Return what a course fitted to the readings of `keep` leaves of all, (m, 3), and its numbers."""
         mine = knots if kind == "even" else knots[np.isin(knots, of_visits[np.unique(visit[keep])])]
         basis = _basis(kind, mine, times)
-        solved = _solved(places[keep], which[keep], basis[keep], middle, turning)
-        return places - _course(solved, which, basis, middles, middle), basis.shape[1] * (6 if turning else 3)
+        at, shifts, turns = _solved(places[keep], which[keep], basis[keep], middle, turning)
+        there = at[which] + basis @ shifts + np.cross(basis @ turns, middles[which] - middle)
+        return places - there, basis.shape[1] * (6 if turning else 3)
 
     def explains(course: tuple[str, bool], simple: tuple[str, bool]) -> bool:
         """Tell whether a course explains more than a simple one by more than chance makes it (F)."""
@@ -172,9 +169,8 @@ def course_of(places: Array, which: Index, times: Array, moves: Any, rows: Index
         if tells and explains(turned, best):
             best = turned
     basis = _basis(best[0], knots, times)
-    solved = _solved(places, which, basis, middle, best[1])
-    rest = places - _course(solved, which, basis, middles, middle)
-    _, shifts, turns = solved
+    at, shifts, turns = _solved(places, which, basis, middle, best[1])
+    rest = places - (at[which] + basis @ shifts + np.cross(basis @ turns, middles[which] - middle))
     return Course(best[0], knots, shifts, turns, middle, count, float(np.sqrt((rest**2).mean())))
 
 
@@ -203,9 +199,3 @@ def _solved(places: Array, which: Index, basis: Array, middle: Array, turning: b
     seats: Array = np.asarray(solved[: 3 * count].reshape(-1, 3) + middle)
     shifts: Array = solved[3 * count : 3 * (count + j)].reshape(-1, 3)
     return seats, shifts, turns
-
-
-def _course(solved: tuple[Array, Array, Array], which: Index, basis: Array, middles: Array, middle: Array) -> Array:
-    """Return where targets are by a course, (n, 3)."""
-    at, shifts, turns = solved
-    return np.asarray(at[which] + basis @ shifts + np.cross(basis @ turns, middles[which] - middle))

@@ -299,6 +299,34 @@ def parse_urdf(text: str | bytes, source: str = "the URDF", option: str = "") ->
             raise UrdfError(f"{source}: has {count} {kind}s, and at most {_MOST_LINKS} are read; give the arm alone")
     links = tuple(_link(each, source) for each in tree.findall("link"))
     joints = tuple(_joint(each, source) for each in tree.findall("joint"))
+
+    # what is wrong between them: names and ends that are there twice, or missing
+    names, titles = Counter(link.name for link in links), Counter(joint.name for joint in joints)
+    leading: dict[str, list[Joint]] = {}
+    for joint in joints:
+        leading.setdefault(joint.child, []).append(joint)
+    above = {child: into[0].parent for child, into in leading.items()}
+
+    def fault(joint: Joint) -> str:
+        if titles[joint.name] > 1:
+            return f"two joints are named {joint.name!r}; give each a name of its own"
+        for end in (joint.parent, joint.child):
+            if end not in names:
+                return f'joint {joint.name!r} names the link {end!r}, which is missing; add <link name="{end}"/>'
+        if len(into := leading[joint.child]) > 1:
+            return (
+                f"the joints {into[0].name!r} and {into[1].name!r} both lead to {joint.child!r}, a closed loop; an arm "
+                "is a tree, so leave one of them out"
+            )
+        at, steps = joint.parent, 0
+        while at in above and steps <= len(above):
+            at, steps = above[at], steps + 1
+        return f"the joint {joint.name!r} leads back to itself; an arm has no cycle" if at in above else ""
+
+    twice = {link: f"two links are named {link!r}; give each a name of its own" for link in names if names[link] > 1}
+    links = tuple(replace(link, fault=link.fault or twice.get(link.name, "")) for link in links)
+    joints = tuple(replace(joint, fault=joint.fault or fault(joint)) for joint in joints)
+
     tags = dict.fromkeys(each.tag for each in tree.iter())
     declared = [word.partition(":")[2] for each in tree.iter() for word in each.attrib if word.startswith("xmlns")]
     prefixes = {tag: tag.partition(":")[0] for tag in tags if ":" in tag}
@@ -308,7 +336,7 @@ def parse_urdf(text: str | bytes, source: str = "the URDF", option: str = "") ->
     left += ["${...} is left over from xacro"] if b"${" in whole else []
     left += ["a name space is declared for all of it"] if "xmlns" in tree.attrib else []
     xacro = b"${" in whole or any(tag.startswith("xacro:") for tag in tags)
-    return Robot(tree.get("name", "robot"), *_judged(links, joints), source, option, tuple(left), xacro)
+    return Robot(tree.get("name", "robot"), links, joints, source, option, tuple(left), xacro)
 
 
 _TAG = re.compile(
@@ -476,37 +504,6 @@ def _numbers(text: str, count: int, where: str, most: float = _HUGE) -> Array:
     if np.abs(values).max() > most:
         raise UrdfError(f"{where}: {shortened(text)!r} is above {most:g}, which no arm has")
     return values
-
-
-def _judged(links: tuple[Link, ...], joints: tuple[Joint, ...]) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
-    """Return links and joints with what is wrong between them: names and ends that are there twice, or missing."""
-    names, titles = Counter(link.name for link in links), Counter(joint.name for joint in joints)
-    leading: dict[str, list[Joint]] = {}
-    for joint in joints:
-        leading.setdefault(joint.child, []).append(joint)
-    above = {child: into[0].parent for child, into in leading.items()}
-
-    def fault(joint: Joint) -> str:
-        if titles[joint.name] > 1:
-            return f"two joints are named {joint.name!r}; give each a name of its own"
-        for end in (joint.parent, joint.child):
-            if end not in names:
-                return f'joint {joint.name!r} names the link {end!r}, which is missing; add <link name="{end}"/>'
-        if len(into := leading[joint.child]) > 1:
-            return (
-                f"the joints {into[0].name!r} and {into[1].name!r} both lead to {joint.child!r}, a closed loop; an arm "
-                "is a tree, so leave one of them out"
-            )
-        at, steps = joint.parent, 0
-        while at in above and steps <= len(above):
-            at, steps = above[at], steps + 1
-        return f"the joint {joint.name!r} leads back to itself; an arm has no cycle" if at in above else ""
-
-    twice = {link: f"two links are named {link!r}; give each a name of its own" for link in names if names[link] > 1}
-    return (
-        tuple(replace(link, fault=link.fault or twice.get(link.name, "")) for link in links),
-        tuple(replace(joint, fault=joint.fault or fault(joint)) for joint in joints),
-    )
 
 
 def with_origins(text: bytes, origins: Mapping[str, Array], comment: str) -> bytes:

@@ -76,7 +76,7 @@ class Kept:
                 KINDS[number].name for number, (_, now) in change.items() if not _same(number, self._usual[number], now)
             )
             for number, (was, _) in change.items():
-                if os.getpid() == self._process and not _same(number, was, _read(number)):
+                if os.getpid() == self._process and not _same(number, was, _state([number])[number]):
                     _LASTING.append((number, was))
         return self.names
 
@@ -84,7 +84,8 @@ class Kept:
         """Put all back as it was, and return what was otherwise."""
         change = self.change()
         for number, (was, _) in change.items():
-            _put(number, was)
+            with suppress(Exception):  # what differs still is looked at
+                KINDS[number].put(was)
         return change
 
     def change(self, own: bool = False) -> _Change:
@@ -141,7 +142,7 @@ def is_kept() -> bool:
 
 def lasting() -> list[str]:
     """Return the names of what runs of this process have changed and nothing could put back."""
-    _LASTING[:] = [(number, was) for number, was in _LASTING if not _same(number, was, _read(number))]
+    _LASTING[:] = [(number, was) for number, was in _LASTING if not _same(number, was, _state([number])[number])]
     return sorted({KINDS[number].name for number, _ in _LASTING})
 
 
@@ -167,20 +168,11 @@ def _state(numbers: Iterable[int]) -> _State:
     return state
 
 
-def _read(number: int) -> Any:
-    return _state([number])[number]
-
-
 def _same(number: int, was: Any, now: Any) -> bool:
     try:
         return was is now or KINDS[number].same(was, now)
     except Exception:  # so too
         return False
-
-
-def _put(number: int, value: Any) -> None:
-    with suppress(Exception):  # what differs still is looked at
-        KINDS[number].put(value)
 
 
 def _remember(modules: Iterable[str], what: _Import) -> None:
@@ -205,7 +197,9 @@ def _act(module: str) -> None:
     for other in what.modules:
         _act(other)
     for number, (before, after) in what.change.items():
-        _put(number, KINDS[number].merged(before, after, _read(number)))
+        value = KINDS[number].merged(before, after, _state([number])[number])
+        with suppress(Exception):  # as in `undo`
+            KINDS[number].put(value)
     for one in under_way:
         one.expect(what)
 

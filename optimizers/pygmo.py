@@ -104,7 +104,8 @@ class Pygmo:
                     first.push_back(fitness.inside(start))
                 algorithm.evolve(first)
             finally:
-                caught = fitness.close()
+                caught = fitness.caught
+                fitness.__dict__.clear()  # pygmo's objects hold it unseen by Python
             if caught is not None:  # ipopt swallows what a callback raises
                 raise caught
 
@@ -171,12 +172,6 @@ class _Fitness:
         self._origin = objective.lower if scaled else np.zeros(objective.dimension)
         self._size = 0.0
         self.caught: BaseException | None = None
-
-    def close(self) -> BaseException | None:
-        """Let all go, as pygmo's objects hold this one unseen by Python; return what was caught."""
-        caught = self.caught
-        self.__dict__.clear()
-        return caught
 
     @_keeping
     def fitness(self, u: Array) -> list[float]:

@@ -110,24 +110,21 @@ def read_poses(named: str, units: Mapping[str, str]) -> Table:
     times = [next(name for name in one.columns if is_time(name)) for one in both]
     parts = []
     for one, time in zip(both, times, strict=True):  # the columns of numbers, that of time by one name in both
-        columns = {"time" if name == time else name: column for name, column in one.columns.items()}
-        numbers = {name: column for name, column in columns.items() if column.dtype.kind in "iuf"}
+        renamed = {"time" if name == time else name: column for name, column in one.columns.items()}
+        numbers = {name: column for name, column in renamed.items() if column.dtype.kind in "iuf"}
         parts.append(replace(one, columns=numbers))
     unit = [one.units.get(time, time.partition("_")[2]) for one, time in zip(both, times, strict=True)]
     if unit[0] != unit[1]:
         raise DataError(f"{times[0]} of {sources[0]} and {times[1]} of {sources[1]} are in different units of time")
-    return stacked(*parts)
-
-
-def stacked(first: Table, second: Table) -> Table:
-    """Return the rows of two tables, one after the other, without a value where a table lacks the column."""
+    # the rows of both, one after the other, without a value where a table lacks the column
+    first, second = parts
     columns = {}
     for name in dict.fromkeys([*first.columns, *second.columns]):
-        parts = [
+        halves = [
             np.asarray(one.columns[name], dtype=float) if name in one.columns else np.full(len(one), np.nan)
-            for one in (first, second)
+            for one in parts
         ]
-        columns[name] = np.concatenate(parts)
+        columns[name] = np.concatenate(halves)
     return Table(
         columns=columns, units={**first.units, **second.units}, stated={**first.stated, **second.stated},
         file=np.concatenate([first.file, second.file]), row=np.concatenate([first.row, second.row]),
@@ -174,7 +171,28 @@ def read_samples(path: Path, units: Mapping[str, str]) -> Table | None:
         return None
     try:
         content = reader(path)
-        return None if content is None else _table(path.stem, _sides(content), units)
+        if content is None:
+            return None
+        sides = _sides(content)
+        # places and quaternions of both, in metres where the tool that wrote them has metres
+        columns: dict[str, Any] = {}
+        own: dict[str, str] = {}
+        for side in ("flange", "board"):
+            called, poses = sides[side]
+            turns = poses[:, :3, :3]
+            off = np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)).reshape(-1, 9).max(axis=1, initial=0.0)
+            wrong = np.flatnonzero(~((off < _OFF) & (np.linalg.det(turns) > 0)))
+            if len(wrong):
+                raise ValueError(
+                    f"pose {wrong[0] + 1} of {called} has a matrix that is no rotation ({len(wrong)} of {len(off)})"
+                )
+            numbers = np.column_stack([poses[:, :3, 3], Rotation.from_matrix(turns).as_quat()])
+            columns |= {f"{side}_{axis}": column for axis, column in zip(_AXES, numbers.T, strict=True)}
+            unit = _NAMES[called][2]
+            own |= {f"{side}_{axis}": unit for axis in "xyz" if unit}
+        text = f"{sides['flange'][0]} is the flange in the base, {sides['board'][0]} the board in the camera"
+        table = table_of(columns, units={**own, **units}, name=path.stem)
+        return replace(table, notes=(*table.notes, Note(Code.FILE, text)))
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:
@@ -205,20 +223,21 @@ def _arrays(path: Path) -> dict[str, Any]:
             entries = [one for one in packed.infolist() if one.filename.endswith(".npy")]
             if sum(one.file_size for one in entries) > 2 * LARGEST_OWN:
                 raise ValueError(f"unpacks to more than {2 * LARGEST_OWN // MEGABYTE} MB; no more are read")
-            return {one.filename.removesuffix(".npy"): _array(packed.read(one)) for one in entries}
+            arrays = {}
+            for one in entries:
+                content = packed.read(one)
+                file = BytesIO(content)
+                version = np.lib.format.read_magic(file)
+                read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+                shape, by_column, kind = read(file)
+                if kind.kind not in "iuf":
+                    raise ValueError(f"an array holds {kind}, and numbers are read alone")
+                numbers = np.frombuffer(content[file.tell() :], dtype=kind)
+                numbers = numbers.reshape(shape, order="F" if by_column else "C")
+                arrays[one.filename.removesuffix(".npy")] = np.array(numbers, dtype=float)
+            return arrays
     except (zipfile.BadZipFile, zlib.error, RuntimeError, EOFError):
         raise ValueError("is no npz file of NumPy") from None
-
-
-def _array(content: bytes) -> Array:
-    file = BytesIO(content)
-    version = np.lib.format.read_magic(file)
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, by_column, kind = read(file)
-    if kind.kind not in "iuf":
-        raise ValueError(f"an array holds {kind}, and numbers are read alone")
-    numbers = np.frombuffer(content[file.tell() :], dtype=kind)
-    return np.array(numbers.reshape(shape, order="F" if by_column else "C"), dtype=float)
 
 
 def _rows(path: Path) -> dict[str, Any] | None:
@@ -265,7 +284,16 @@ def _sides(content: Any) -> dict[str, tuple[str, Array]]:
         if name in content:
             poses = _poses(name, content[name])
         elif f"R_{name}" in content and f"t_{name}" in content:
-            poses = _of_opencv(name, content[f"R_{name}"], content[f"t_{name}"])
+            # of OpenCV: rotations, matrices or vectors, beside translations
+            turned, placed = (_numbers(f"{of}_{name}", content[f"{of}_{name}"]) for of in "Rt")
+            n, by_vector = len(placed), turned.size == 3 * len(placed)
+            if placed.size != 3 * n or turned.size not in (3 * n, 9 * n):
+                raise ValueError(
+                    f"R_{name} and t_{name} are {turned.shape} and {placed.shape}; (n, 3, 3) and (n, 3) are read"
+                )
+            poses = np.tile(np.eye(4), (n, 1, 1))
+            turns = Rotation.from_rotvec(turned.reshape(n, 3)).as_matrix() if by_vector else turned.reshape(n, 3, 3)
+            poses[:, :3, :3], poses[:, :3, 3] = turns, placed.reshape(n, 3)
         if poses is not None:
             if side in sides:
                 raise ValueError(f"both {sides[side][0]} and {name} are the poses of the {side}; leave one out")
@@ -312,19 +340,6 @@ def _poses(name: str, found: Any) -> Array:
     return made
 
 
-def _of_opencv(name: str, turns: Any, places: Any) -> Array:
-    """Return poses (n, 4, 4) of OpenCV's rotations, matrices or vectors, and its translations."""
-    turned, placed = _numbers(f"R_{name}", turns), _numbers(f"t_{name}", places)
-    n = len(placed)
-    if placed.size != 3 * n or turned.size not in (3 * n, 9 * n):
-        raise ValueError(f"R_{name} and t_{name} are {turned.shape} and {placed.shape}; (n, 3, 3) and (n, 3) are read")
-    made = np.tile(np.eye(4), (n, 1, 1))
-    by_vector = turned.size == 3 * n
-    made[:, :3, :3] = Rotation.from_rotvec(turned.reshape(n, 3)).as_matrix() if by_vector else turned.reshape(n, 3, 3)
-    made[:, :3, 3] = placed.reshape(n, 3)
-    return made
-
-
 def _numbers(where: str, found: Any) -> Array:
     """Return an array of numbers, of lists or of a matrix as OpenCV writes it."""
     if isinstance(found, Mapping) and "data" in found:
@@ -337,25 +352,3 @@ def _numbers(where: str, found: Any) -> Array:
         return np.asarray(found, dtype=float)
     except (TypeError, ValueError):
         raise ValueError(f"{where} holds something that is no number, or rows of unlike length") from None
-
-
-def _table(name: str, sides: Mapping[str, tuple[str, Array]], stated: Mapping[str, str]) -> Table:
-    """Return places and quaternions of both sides, in metres where the tool that wrote them has metres."""
-    columns: dict[str, Any] = {}
-    units: dict[str, str] = {}
-    for side in ("flange", "board"):
-        called, poses = sides[side]
-        turns = poses[:, :3, :3]
-        off = np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)).reshape(-1, 9).max(axis=1, initial=0.0)
-        wrong = np.flatnonzero(~((off < _OFF) & (np.linalg.det(turns) > 0)))
-        if len(wrong):
-            raise ValueError(
-                f"pose {wrong[0] + 1} of {called} has a matrix that is no rotation ({len(wrong)} of {len(off)})"
-            )
-        numbers = np.column_stack([poses[:, :3, 3], Rotation.from_matrix(turns).as_quat()])
-        columns |= {f"{side}_{axis}": column for axis, column in zip(_AXES, numbers.T, strict=True)}
-        unit = _NAMES[called][2]
-        units |= {f"{side}_{axis}": unit for axis in "xyz" if unit}
-    text = f"{sides['flange'][0]} is the flange in the base, {sides['board'][0]} the board in the camera"
-    table = table_of(columns, units={**units, **stated}, name=name)
-    return replace(table, notes=(*table.notes, Note(Code.FILE, text)))

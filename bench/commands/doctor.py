@@ -56,50 +56,43 @@ def examined() -> dict[str, list[str]]:
             import_module(module)
         except Exception as error:  # whatever a broken library raises as it is loaded
             wrong.append(f"{package} cannot be imported: {type(error).__name__}: {error}".splitlines()[0])
-    found = {
-        "calibench": [f"{version('calibench')} in {here}{commit}{changed}"],
-        "Python": [f"{platform.python_version()} in {sys.prefix}"],
-        "system": [f"{platform.platform()}, {_cores()}{_memory()}{'' if CAN_FORK else ', which cannot fork'}"],
-        "libraries": [", ".join(versions)],
-        "BLAS": [*_blas()],
-        "kernels": [_kernels()],
-        "extras": [*_extras()],
-        "disk": [*_disk()],
-        "wrong": wrong,
-    }
-    return {name: [line.replace(home, "~") for line in lines] for name, lines in found.items()}
-
-
-def _cores() -> str:
     every = os.cpu_count() or 1
     mine = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else every
-    return f"{mine} of {every} cores"
-
-
-def _memory() -> str:
     try:
-        return f", {os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') / 1e9:.0f} GB of memory"
+        memory = f", {os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') / 1e9:.0f} GB of memory"
     except (AttributeError, ValueError, OSError):  # no such question on this system
-        return ""
-
-
-def _blas() -> Iterator[str]:
+        memory = ""
+    blas, disk = [], []
     for one in libraries().info():
         kind: dict[str, Any] = one
         threads = f"{kind['num_threads']} thread{'' if kind['num_threads'] == 1 else 's'}"
-        yield f"{kind['internal_api']} {kind['version'] or ''} ({Path(kind['filepath']).name}), {threads}"
-
-
-def _kernels() -> str:
-    """Return how many compiled functions of the present sources are kept, and those of other versions."""
-    here, sources = Path(__file__).resolve().parents[2], [Path(lanes.__file__).resolve()]
+        blas.append(f"{kind['internal_api']} {kind['version'] or ''} ({Path(kind['filepath']).name}), {threads}")
+    for what, folder in (("caches", cache_root()), ("working folder", Path.cwd())):
+        there = next(each for each in (folder, *folder.parents) if each.exists())
+        size = f", {_size([folder])}" if what == "caches" else ""
+        disk.append(f"{what} {folder}{size}, {shutil.disk_usage(there).free / 1e9:.1f} GB free")
+    # how many compiled functions of the present sources are kept, and those of other versions
+    sources = [Path(lanes.__file__).resolve()]
     for room in ("calibration", "problems", "optimizers", "bench"):
         sources += (here / room).rglob("_*kernels.py")
     present = {kernel_folder(source) for source in sources}
     kept = sum(len([*folder.glob("*.nbc")]) for folder in present)
     others = [other for other in cache_folder().glob("*-*/") if other not in present]
     older = f"; {len(others)} folders of other versions, {_size(others)}, may be deleted" if others else ""
-    return f"{kept} compiled, {_size([*present])} in {cache_folder()}{older}"
+    kernels = f"{kept} compiled, {_size([*present])} in {cache_folder()}{older}"
+    cores, forks = f"{mine} of {every} cores", "" if CAN_FORK else ", which cannot fork"
+    found = {
+        "calibench": [f"{version('calibench')} in {here}{commit}{changed}"],
+        "Python": [f"{platform.python_version()} in {sys.prefix}"],
+        "system": [f"{platform.platform()}, {cores}{memory}{forks}"],
+        "libraries": [", ".join(versions)],
+        "BLAS": blas,
+        "kernels": [kernels],
+        "extras": [*_extras()],
+        "disk": disk,
+        "wrong": wrong,
+    }
+    return {name: [line.replace(home, "~") for line in lines] for name, lines in found.items()}
 
 
 def _extras() -> Iterator[str]:
@@ -121,13 +114,6 @@ def _extras() -> Iterator[str]:
     for extra, lacks in missing.items():
         if lacks:
             yield f"{extra} lacks {', '.join(lacks)}: pip install 'calibench[{extra}]'"
-
-
-def _disk() -> Iterator[str]:
-    for what, folder in (("caches", cache_root()), ("working folder", Path.cwd())):
-        there = next(each for each in (folder, *folder.parents) if each.exists())
-        size = f", {_size([folder])}" if what == "caches" else ""
-        yield f"{what} {folder}{size}, {shutil.disk_usage(there).free / 1e9:.1f} GB free"
 
 
 def _size(folders: list[Path]) -> str:

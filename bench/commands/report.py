@@ -20,17 +20,7 @@ def report(argv: list[str]) -> int:
             _print_paths(folder / name for name in kept.written)
             print("nothing has changed since these were written")
             return 0
-    return _write(argv)
-
-
-def _print_paths(paths: Iterable[Path]) -> None:
-    for path in paths:
-        if path.suffix in (".csv", ".png", ".html"):
-            print(path)
-
-
-def _write(argv: list[str]) -> int:
-    import pandas as pd
+    import pandas as pd  # a second, with what follows
 
     from calibench.bench.commands.cells import print_summary
     from calibench.bench.commands.study import store_of, tell_damaged
@@ -47,18 +37,23 @@ def _write(argv: list[str]) -> int:
         print_summary(finished.summary.to_dict("list"))
         if warning := mixed_code(finished.runs):
             print(warning)
+        # what the data cannot determine, once for each problem whatever its error function
         identifiability = store.folder / "identifiability.csv"
-        if (
-            identifiability.exists()
-        ):  # what the data cannot determine, once for each problem whatever its error function
+        if identifiability.exists():
             table = pd.read_csv(identifiability, keep_default_na=False)
             lost = table[table["rank"] < table["dimension"]]
             titles = problem_titles(lost, but=("error",))
-            first = ~titles.duplicated()
-            for title, finding in zip(titles[first], lost.loc[first, "finding"], strict=True):
+            once = ~titles.duplicated()
+            for title, finding in zip(titles[once], lost.loc[once, "finding"], strict=True):
                 print(f"{title}: {finding}")
     sys.stdout.write(printed.getvalue())
     _print_paths(written)
     if not damaged and not store.manifest().get("files"):  # of classes of one's own the page may tell more, or less
         replace(Kept.read(store.folder), text=printed.getvalue()).write(store.folder)
     return tell_damaged(damaged, "`bench collect` sets it aside; it is not in the report")
+
+
+def _print_paths(paths: Iterable[Path]) -> None:
+    for path in paths:
+        if path.suffix in (".csv", ".png", ".html"):
+            print(path)

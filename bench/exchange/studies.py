@@ -269,51 +269,46 @@ def write_study(runs: Sequence[PublishedRun], format_name: str, source: Path, ta
     read_at = datetime.now(UTC)
     for run in runs:
         key = (run.algorithm, str(run.columns.get("optimizer_options")), run.problem, run.problem_options)
-        row, trace = _row(run, format_name, repetitions[key], read_at)
+        minimum = 0.0 if run.minimum is None else run.minimum
+        levels = [minimum + gap for gap in COCO_GAPS] if run.targets is None else sorted(run.targets, reverse=True)
+        gaps = [level if run.minimum is None else gap_of_level(level, minimum) for level in levels]
+        hits: list[int | None] = []  # the first evaluation at which each gap, largest first, was reached
+        i = 0
+        for gap in gaps:
+            while i < len(run.improvements) and run.improvements[i][1] > gap:
+                i += 1
+            hits.append(run.improvements[i][0] if i < len(run.improvements) else None)
+        repetition = repetitions[key]
         repetitions[key] += 1
-        rows.append(row)
-        traces += trace
-    table = pd.DataFrame(rows, columns=[column.name for column in COLUMNS]).astype(object)
-    points = pd.DataFrame(traces, columns=["run_id", "evaluations", "charged", "best_value", "restart"])
+        number = digest(
+            "published", format_name, run.algorithm, run.columns, run.problem, run.problem_options, repetition
+        )
+        last = run.improvements[-1] if run.improvements else (0, inf)
+        empty = not run.improvements  # as the data of a failed run are written
+        rows.append({
+            "run_id": number, "problem": run.problem, "problem_options": run.problem_options, "data_id": run.data_id,
+            "dimension": run.dimension, "optimizer": run.algorithm, "library": run.algorithm, "library_version": "",
+            "optimizer_options": canonical({"published": format_name}), "repetition": repetition,
+            "evaluations": run.evaluations, "charged": run.evaluations, "status": "failed" if empty else "ok",
+            "error_type": "NoFiniteValue" if empty else None,
+            "error": "its data hold no finite value: it failed" if empty else None,
+            "best_value": minimum + (last[1] if run.best is None else run.best), "best_evaluation": last[0],
+            "best_x": run.best_x, "targets": levels, "hits": hits, "hits_charged": hits, "minimum": run.minimum,
+            **provenance(), "started_at": read_at, "schema_version": SCHEMA_VERSION,
+        } | run.columns)  # fmt: skip
+        points = [(1, inf)] if run.evaluations and (not last[0] or run.improvements[0][0] > 1) else []
+        points += run.improvements
+        if points and points[-1][0] < run.evaluations:
+            points.append((run.evaluations, points[-1][1]))
+        traces += [(number, n, n, minimum + gap, 0) for n, gap in points]
+    names = [column.name for column in COLUMNS]
+    table = pd.DataFrame([{name: row.get(name) for name in names} for row in rows], columns=names).astype(object)
+    course = pd.DataFrame(traces, columns=["run_id", "evaluations", "charged", "best_value", "restart"])
 
     origin = {"format": format_name, "from": source.resolve().name, "runs": len(rows)}
     study = target.resolve().name
-    write_folder(target, lambda folder: ResultStore(folder).fill(table, points, study=study, source=origin))
+    write_folder(target, lambda folder: ResultStore(folder).fill(table, course, study=study, source=origin))
     return target
-
-
-def _row(
-    run: PublishedRun, format_name: str, repetition: int, read_at: datetime
-) -> tuple[dict[str, Any], list[tuple[Any, ...]]]:
-    minimum = 0.0 if run.minimum is None else run.minimum
-    levels = [minimum + gap for gap in COCO_GAPS] if run.targets is None else sorted(run.targets, reverse=True)
-    gaps = [level if run.minimum is None else gap_of_level(level, minimum) for level in levels]
-    hits: list[int | None] = []  # the first evaluation at which each gap, largest first, was reached
-    i = 0
-    for gap in gaps:
-        while i < len(run.improvements) and run.improvements[i][1] > gap:
-            i += 1
-        hits.append(run.improvements[i][0] if i < len(run.improvements) else None)
-    number = digest("published", format_name, run.algorithm, run.columns, run.problem, run.problem_options, repetition)
-    last = run.improvements[-1] if run.improvements else (0, inf)
-    empty = not run.improvements  # as the data of a failed run are written
-    known = {
-        "run_id": number, "problem": run.problem, "problem_options": run.problem_options, "data_id": run.data_id,
-        "dimension": run.dimension, "optimizer": run.algorithm, "library": run.algorithm, "library_version": "",
-        "optimizer_options": canonical({"published": format_name}), "repetition": repetition,
-        "evaluations": run.evaluations, "charged": run.evaluations, "status": "failed" if empty else "ok",
-        "error_type": "NoFiniteValue" if empty else None,
-        "error": "its data hold no finite value: it failed" if empty else None,
-        "best_value": minimum + (last[1] if run.best is None else run.best), "best_evaluation": last[0],
-        "best_x": run.best_x, "targets": levels, "hits": hits, "hits_charged": hits, "minimum": run.minimum,
-        **provenance(), "started_at": read_at, "schema_version": SCHEMA_VERSION,
-    } | run.columns  # fmt: skip
-    points = [(1, inf)] if run.evaluations and (not last[0] or run.improvements[0][0] > 1) else []
-    points += run.improvements
-    if points and points[-1][0] < run.evaluations:
-        points.append((run.evaluations, points[-1][1]))
-    trace = [(number, n, n, minimum + gap, 0) for n, gap in points]
-    return {column.name: known.get(column.name) for column in COLUMNS}, trace
 
 
 @final

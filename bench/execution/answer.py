@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from calibench.bench.execution.request import Judged, Pair, is_stochastic, judged
 from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.gate.endings import frames_of, text_of
-from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.time_limit import JUDGING, Ending
 from calibench.core import own_state
 from calibench.core.seeds import begin_generators, seed_sequence
@@ -184,20 +183,3 @@ def answer_of(pair: Pair, x: Array | None, ending: Ending, repetition: int) -> t
         said = f"{JUDGING}{text_of(error)}"
         failed = replace(ending, error_type=type(error).__name__, error=said, traceback=frames_of(error))
         return Answer(**known), ending if ending.error_type else failed
-
-
-def hits_of(problem: Any, gate: Evaluator, answer: Answer) -> tuple[list[int | None], list[int | None]]:
-    """Return what each target cost, in evaluations and charged: as the gate saw it, or by the answer where noisy.
-
-    The lowest value that a noisy run saw may be luck; the answer counts, at the evaluation that proposed it.
-    """
-    if not is_stochastic(problem):
-        return gate.hits, gate.hits_charged
-    value = np.inf if answer.judged.value is None else answer.judged.value
-    after = next((point for point in gate.trace if point[0] >= gate.best_evaluation), None)
-    derivatives = 0 if after is None else after[1] - after[0]
-    reached = [value <= level for level in gate.targets]
-    return (
-        [gate.best_evaluation if hit else None for hit in reached],
-        [gate.best_evaluation + derivatives if hit else None for hit in reached],
-    )

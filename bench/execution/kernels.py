@@ -48,8 +48,24 @@ def load_kernels(specs: Iterable[Spec], fork: bool = True, compiling: Callable[[
         for word, (registry, name, options) in parts.items():
             with suppress(Exception):  # the rows of its runs will have the error
                 made[word] = registry.make(name, **options) if is_own(registry, name) else None
-        if fork:
-            _compile_new(parts, made)
+        if fork:  # what no process has compiled yet: each module's parts in a process of their own, which keeps it
+            own = {
+                word: str(parts[word][0].factory(parts[word][1]).__module__)
+                for word, part in made.items()
+                if part is not None
+            }
+            noted = {f"{word} {module_digest(module)}": word for word, module in own.items()}
+            new = unseen(noted)
+            by_module: dict[str, list[Any]] = {}
+            for word in map(noted.__getitem__, new):
+                by_module.setdefault(own[word], []).append(made[word])
+            if len(by_module) > 1:
+                if any(extra_of(made[noted[word]], "compile") for word in new):
+                    tell_compiling()
+                    load_compiler()  # once for all of them
+                with suppress(ProcessDied):  # compiled here, then
+                    at_once([partial(_compile, some) for some in by_module.values()])
+            seen(new)
         for word, part in sorted(made.items()):  # optimisers first
             with suppress(Exception):  # as above
                 of_methods = parts[word][0] is optimizers.registry
@@ -95,25 +111,6 @@ def _needed(part: Part) -> str:
     """Return a word for what a part needs to be loaded; of a class by its path nothing is."""
     registry, name, _ = part
     return _word(part) if is_own(registry, name) else "" if ":" in name else name
-
-
-def _compile_new(parts: Mapping[str, Part], made: Mapping[str, Any]) -> None:
-    """Compile whole what no process has compiled yet: each module's parts in a process of their own, which keeps it."""
-    own = {
-        word: str(parts[word][0].factory(parts[word][1]).__module__) for word, part in made.items() if part is not None
-    }
-    noted = {f"{word} {module_digest(module)}": word for word, module in own.items()}
-    new = unseen(noted)
-    by_module: dict[str, list[Any]] = {}
-    for word in map(noted.__getitem__, new):
-        by_module.setdefault(own[word], []).append(made[word])
-    if len(by_module) > 1:
-        if any(extra_of(made[noted[word]], "compile") for word in new):
-            tell_compiling()
-            load_compiler()  # once for all of them
-        with suppress(ProcessDied):  # compiled here, then
-            at_once([partial(_compile, some) for some in by_module.values()])
-    seen(new)
 
 
 def _compile(parts: Sequence[Any]) -> None:

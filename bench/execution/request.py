@@ -407,7 +407,19 @@ def check_extras(problem: Any, who: str) -> None:
         raise ValueError(f"problem {who}: budgets: a mapping from ci and paper to numbers is needed")
     if not callable(extra_of(problem, "merit", dict)):
         raise ValueError(f"problem {who}: merit is no method: merit(x) returns names and numbers")
-    check_stochastic(problem, who)
+    # `stochastic` is a flag, and a generator can be given to what has it
+    noisy = extra_of(problem, "stochastic", False)
+    if not isinstance(noisy, bool | np.bool_):
+        raise ValueError(f"problem {who}: stochastic={noisy!r}: True or False is needed")
+    if not noisy and getattr(problem, "noise_free", None) is not None:
+        raise ValueError(f"problem {who}: noise_free(x) is for stochastic = True, and it is not said")
+    if noisy and not callable(extra_of(problem, "noise_free", float)):
+        raise ValueError(f"problem {who}: noise_free is no method: noise_free(x) returns the value without noise")
+    try:
+        if noisy:
+            _with_generator(problem, np.random.default_rng(0))
+    except Exception as error:
+        raise ValueError(f"problem {who}: cannot be given a generator: {type(error).__name__}: {error}") from error
 
 
 def minimum_of(problem: Any) -> float | None:
@@ -509,23 +521,6 @@ FRESH = 30
 def is_stochastic(problem: Any) -> bool:
     """Tell whether the values of `problem` are noisy."""
     return bool(extra_of(problem, "stochastic", False))
-
-
-def check_stochastic(problem: Any, who: str) -> None:
-    """Raise `ValueError` where `stochastic` of `problem` is not a flag, or no generator can be given to it."""
-    said = extra_of(problem, "stochastic", False)
-    if not isinstance(said, bool | np.bool_):
-        raise ValueError(f"problem {who}: stochastic={said!r}: True or False is needed")
-    if not said:
-        if getattr(problem, "noise_free", None) is not None:
-            raise ValueError(f"problem {who}: noise_free(x) is for stochastic = True, and it is not said")
-        return
-    if not callable(extra_of(problem, "noise_free", float)):
-        raise ValueError(f"problem {who}: noise_free is no method: noise_free(x) returns the value without noise")
-    try:
-        _with_generator(problem, np.random.default_rng(0))
-    except Exception as error:
-        raise ValueError(f"problem {who}: cannot be given a generator: {type(error).__name__}: {error}") from error
 
 
 def seeded(problem: Any, key: Any, repetition: int) -> Any:

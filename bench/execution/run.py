@@ -18,7 +18,7 @@ import numpy as np
 
 from calibench import optimizers, problems
 from calibench.bench.execution import request as asking
-from calibench.bench.execution.answer import Answer, answer_of, asks, hits_of, merit_of, place_of_answer
+from calibench.bench.execution.answer import Answer, answer_of, asks, merit_of, place_of_answer
 from calibench.bench.execution.costly import ReplayFolder, around, check_inner, check_replay
 from calibench.bench.execution.in_progress import Name, followed
 from calibench.bench.execution.request import Array, Asked, Start, is_stochastic, seeded
@@ -381,7 +381,14 @@ def row_of(
     pair = asked.pair
     start: Start = "random" if asked.start == "random" else "nominal"
     can_differ = len(asking.repetitions_of(pair.optimizer, start, range(2), is_stochastic(pair.problem))) > 1
-    hits, hits_charged = hits_of(pair.problem, gate, answer)
+    hits, hits_charged = gate.hits, gate.hits_charged  # what each target cost
+    if is_stochastic(pair.problem):  # the lowest value seen may be luck: the answer counts, where it was proposed
+        value = np.inf if answer.judged.value is None else answer.judged.value
+        after = next((point for point in gate.trace if point[0] >= gate.best_evaluation), None)
+        derivatives = 0 if after is None else after[1] - after[0]
+        reached = [value <= level for level in gate.targets]
+        hits = [gate.best_evaluation if hit else None for hit in reached]
+        hits_charged = [gate.best_evaluation + derivatives if hit else None for hit in reached]
     stop_reason = stop_reason_of(gate, ending)
     plainly: dict[str, Any] = {name: getattr(gate, name) for name in _OF_GATE}
     plainly |= {**{name: getattr(answer, name) for name in _OF_ANSWER}, **answer.merit.columns}

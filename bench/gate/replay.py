@@ -182,11 +182,6 @@ class ReplayFile:
         self._fd = None
 
 
-def copied(answer: float | Array) -> float | Array:
-    """Return an answer that nobody else can write to, with the same layout in memory."""
-    return _unpacked(_packed(answer)) if isinstance(answer, np.ndarray) else answer
-
-
 def _read(fd: int, offset: int, end: int) -> tuple[bytes | None, int]:
     """Return the record at `offset` and where the next one is; None where no whole one is."""
     if offset + _FRAME.size > end:
@@ -388,7 +383,9 @@ class Replayed:
         each = took * self._processes / (len(given[0]) if kind in (_BATCH, _BELOW) else 1)
         state = None if self._noise is None else dict(self._noise.bit_generator.state)
         if not (self._writing or each >= DEAR):  # it is held, and the optimiser may write to either
-            self._held.append((kind, place, tuple(map(np.array, given)), copied(answer), state))
+            if isinstance(answer, np.ndarray):
+                answer = _unpacked(_packed(answer))  # which nobody else can write to, of the same layout in memory
+            self._held.append((kind, place, tuple(map(np.array, given)), answer, state))
             if len(self._held) >= FIRST:
                 self._off()
             return

@@ -32,7 +32,20 @@ def ros_columns(text: str) -> Columns | None:
     """Return joints by name, places and quaternions, and `t_s` [s] of a file that ROS wrote; None for any other."""
     first = text[: text.find("\n") + 1] or text
     if _HEADLESS.match(first):
-        return _of_echo([row for row in csv.reader(text.splitlines()) if row and row[0].isdigit()])
+        # `ros2 topic echo --csv`: sec, nanosec, frame_id, and joints or a pose behind them
+        rows = [row for row in csv.reader(text.splitlines()) if row and row[0].isdigit()]
+        seconds = np.array([float(row[0]) + 1e-9 * float(row[1]) for row in rows])
+        split = []
+        for row in rows:
+            words = next((k for k, cell in enumerate(row[3:]) if _NUMBER.fullmatch(cell.strip())), len(row) - 3)
+            split.append(([one.strip() for one in row[3 : 3 + words]], [cell.strip() for cell in row[3 + words :]]))
+        most, numbers = max(len(words) for words, _ in split), max(len(values) for _, values in split)
+        if most > 1 or (most == 1 and numbers <= 3):
+            return _named({"t_s": seconds} | _by_name(split))
+        axes = _SIZES[7] if numbers >= 7 else _SIZES.get(numbers)
+        if axes is None:
+            return None
+        return _named({"t_s": seconds} | _by_name([([*axes], values[: len(axes)]) for _, values in split]))
     heads = [head.strip() for head in next(csv.reader([first]), [])]
     times = _stamps(heads)
     if times is None:
@@ -101,22 +114,6 @@ def _by_name(rows: list[tuple[list[str], list[str]]]) -> dict[str, Array]:
     return columns
 
 
-def _of_echo(rows: list[list[str]]) -> Columns | None:
-    """Return what rows of `ros2 topic echo --csv` hold: sec, nanosec, frame_id, and joints or a pose behind them."""
-    seconds = np.array([float(row[0]) + 1e-9 * float(row[1]) for row in rows])
-    split = []
-    for row in rows:
-        words = next((k for k, cell in enumerate(row[3:]) if _NUMBER.fullmatch(cell.strip())), len(row) - 3)
-        split.append(([one.strip() for one in row[3 : 3 + words]], [cell.strip() for cell in row[3 + words :]]))
-    most, numbers = max(len(words) for words, _ in split), max(len(values) for _, values in split)
-    if most > 1 or (most == 1 and numbers <= 3):
-        return _named({"t_s": seconds} | _by_name(split))
-    axes = _SIZES[7] if numbers >= 7 else _SIZES.get(numbers)
-    if axes is None:
-        return None
-    return _named({"t_s": seconds} | _by_name([([*axes], values[: len(axes)]) for _, values in split]))
-
-
 def by_time(contents: Mapping[str, Columns], gap: float = GAP) -> Columns | None:
     """Return the rows of poses with the joints of the other files at their times; None where times do not part them.
 
@@ -124,7 +121,12 @@ def by_time(contents: Mapping[str, Columns], gap: float = GAP) -> Columns | None
     """
     clocks = {file: next((c for c in one.columns if c.lower() in TIMES), "") for file, one in contents.items()}
     measured = [file for file, one in contents.items() if measured_axes(list(one.columns))]
-    times = {file: _seconds(contents[file], clock) for file, clock in clocks.items() if clock}
+    times = {}
+    for file, clock in clocks.items():
+        if clock:
+            at = np.asarray(contents[file].columns[clock], dtype=float)
+            seconds = None if clock in contents[file].units else as_seconds(at)[0]
+            times[file] = at if seconds is None else np.asarray(seconds)
     if len(times) < len(contents) or len(measured) != 1:
         return None
     [poses] = measured
@@ -174,12 +176,6 @@ def by_time(contents: Mapping[str, Columns], gap: float = GAP) -> Columns | None
         raise DataError(f"{text}; gap= states how far apart in time rows may be [s]")
     metadata = {key: value for one in contents.values() for key, value in one.metadata.items()}
     return replace(contents[poses], columns=made, units=units, notes=tuple(notes), metadata=metadata)
-
-
-def _seconds(content: Columns, clock: str) -> Array:
-    times = np.asarray(content.columns[clock], dtype=float)
-    seconds = None if clock in content.units else as_seconds(times)[0]
-    return times if seconds is None else np.asarray(seconds)
 
 
 def _at_times(times: Array, column: Array, at: Array, gap: float) -> tuple[Array, Mask, Mask]:

@@ -462,31 +462,28 @@ def _check_elements(content: bytes) -> None:
         ahead = [(0, len(inside), 0)]
         while ahead:
             start, end, deep = ahead.pop()
-            ahead += _arrays_in(inside, order, start, end, deep)
-
-
-def _arrays_in(content: bytes, order: str, at: int, end: int, deep: int) -> list[tuple[int, int, int]]:
-    """Return where the arrays inside an array begin and end, and how deep they stand; refuse a shape that is none."""
-    arrays, first = [], True
-    while at + 8 <= end:
-        kind, size = struct.unpack_from(f"{order}II", content, at)
-        if kind >> 16:  # kind and length in one word, and the content in the other
-            at += 8
-            continue
-        inside, at = at + 8, at + 8 + size + -size % 8
-        if kind == _ARRAY:
-            if deep == _DEEPEST:
-                raise DataError(f"has arrays more than {_DEEPEST} deep in each other; write the columns by themselves")
-            arrays.append((inside, min(inside + size, end), deep + 1))
-        elif kind == _SHAPE and first and deep:
-            shape = np.frombuffer(content, f"{order}i4", min(size, end - inside) // 4, inside)
-            count = np.prod(shape, dtype=float)
-            if len(shape) > _MOST_SIDES or shape.min(initial=0) < 0:
-                raise DataError(f"has an array of the shape {shortened(str(shape.tolist()))}, which is none")
-            if count > data_file.MOST_NUMBERS:
-                raise DataError(f"has {count:.0f} numbers, and at most {data_file.MOST_NUMBERS} are read; {_SMALLER}")
-            first = False
-    return arrays
+            at_part, first = start, True
+            while at_part + 8 <= end:
+                kind, size = struct.unpack_from(f"{order}II", inside, at_part)
+                if kind >> 16:  # kind and length in one word, and the content in the other
+                    at_part += 8
+                    continue
+                begin, at_part = at_part + 8, at_part + 8 + size + -size % 8
+                if kind == _ARRAY:
+                    if deep == _DEEPEST:
+                        raise DataError(
+                            f"has arrays more than {_DEEPEST} deep in each other; write the columns by themselves"
+                        )
+                    ahead.append((begin, min(begin + size, end), deep + 1))
+                elif kind == _SHAPE and first and deep:
+                    shape = np.frombuffer(inside, f"{order}i4", min(size, end - begin) // 4, begin)
+                    count = np.prod(shape, dtype=float)
+                    if len(shape) > _MOST_SIDES or shape.min(initial=0) < 0:
+                        raise DataError(f"has an array of the shape {shortened(str(shape.tolist()))}, which is none")
+                    if count > data_file.MOST_NUMBERS:
+                        most = data_file.MOST_NUMBERS
+                        raise DataError(f"has {count:.0f} numbers, and at most {most} are read; {_SMALLER}")
+                    first = False
 
 
 def _columns(named: dict[str, Any]) -> tuple[dict[str, Any], tuple[Note, ...]]:

@@ -139,13 +139,26 @@ def _paper(key: str, rows: Sequence[Row], figures: Sequence[Inline], known: Kept
             others.setdefault(f"Equation ({head.removeprefix('equation')})", []).append(row)
         else:
             others.setdefault(titles.get(head, f"Section {'.'.join(head.removeprefix('section'))}"), []).append(row)
-    groups = [
-        _group(rows) | {
-            "title": title, "table": Table(_HEADS, [_cells(row) for row in rows], kind="rows"),
-            "as_printed": _as_printed(rows, known) if title in tables else None,
-        }
-        for title, rows in (dict(sorted(tables.items())) | others).items()
-    ]  # fmt: skip
+    groups, cell = [], macros(_CELLS)
+    for title, mine in (dict(sorted(tables.items())) | others).items():
+        lines = []
+        for row in mine:
+            side = "" if row.rule.startswith("near") else f"{row.rule} "
+            within = f"{side}{row.tolerance:.2g}" if isfinite(row.tolerance) else ""
+            if isfinite(row.tolerance_in_kind):
+                decades = " decades" if row.tolerance_in_decades else ""
+                within += f"; in kind {side}{row.tolerance_in_kind:.2g}{decades}"
+            unit = "" if row.unit == "1" else f" [{row.unit}]"
+            read = f"read {number(row.read, 7)}" if row.read != row.printed and isfinite(row.read) else ""
+            spread = f"{row.ours_q1:.4g} .. {row.ours_q3:.4g}, n = {row.n}" if row.n > 1 else ""
+            lines.append([
+                cell.beside(row.quantity + unit, row.place.replace("column ", "")), row.kind,
+                cell.beside(number(row.printed, 7), read), cell.beside(number(row.ours_median, 7), spread), within,
+                cell.tag(_tag(row.verdict)), cell.why(row),
+            ])  # fmt: skip
+        as_printed = _as_printed(mine, known) if title in tables else None
+        table = Table(_HEADS, lines, kind="rows")
+        groups.append(_group(mine) | {"title": title, "table": table, "as_printed": as_printed})
     return {
         "title": about["title"], "authors": ", ".join(about["authors"]), "year": about["year"], "all": _group(rows),
         "findings": findings, "figures": figures, "groups": groups,
@@ -177,20 +190,3 @@ def _as_printed(rows: Sequence[Row], known: Kept | None) -> Table:
         return Table([Head(""), *(Head(named[q], "n") for q in quantities)], lines, kind="printed")
     lines = [[named[q], *(cells.get((place, q), "") for place in places)] for q in quantities]
     return Table([Head(""), *(Head(short, "n") for short in places.values())], lines, kind="printed")
-
-
-def _cells(row: Row) -> list[str]:
-    side = "" if row.rule.startswith("near") else f"{row.rule} "
-    within = f"{side}{row.tolerance:.2g}" if isfinite(row.tolerance) else ""
-    if isfinite(row.tolerance_in_kind):
-        decades = " decades" if row.tolerance_in_decades else ""
-        within += f"; in kind {side}{row.tolerance_in_kind:.2g}{decades}"
-    unit = "" if row.unit == "1" else f" [{row.unit}]"
-    read = f"read {number(row.read, 7)}" if row.read != row.printed and isfinite(row.read) else ""
-    spread = f"{row.ours_q1:.4g} .. {row.ours_q3:.4g}, n = {row.n}" if row.n > 1 else ""
-    cell = macros(_CELLS)
-    return [
-        cell.beside(row.quantity + unit, row.place.replace("column ", "")), row.kind,
-        cell.beside(number(row.printed, 7), read), cell.beside(number(row.ours_median, 7), spread), within,
-        cell.tag(_tag(row.verdict)), cell.why(row),
-    ]  # fmt: skip

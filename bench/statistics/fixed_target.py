@@ -138,7 +138,14 @@ class Hits:
             )
             counts = [numbers(table[name], NEVER) for name in _COUNTS]
             few = np.int32 if max(each.max(initial=0) for each in counts) < np.iinfo(np.int32).max else np.int64
-            for some, size in _alike(run, level):
+            # where runs with the same levels in the same order stand together, and how many levels they have
+            begins = np.flatnonzero(np.diff(run, prepend=-1))
+            sizes = np.diff(begins, append=len(run))
+            before = np.repeat(np.roll(sizes, 1), sizes)  # how many the run before has
+            unlike = np.append(level != level[np.maximum(np.arange(len(run)) - before, 0)], False)
+            new = np.flatnonzero((np.diff(sizes, prepend=0) != 0) | np.logical_or.reduceat(unlike, begins))
+            for k, end in zip(new.tolist(), [*begins[new[1:]].tolist(), len(run)]):
+                some, size = slice(int(begins[k]), end), int(sizes[k])
                 charged, after = (each[some].reshape(-1, size).astype(few) for each in counts)
                 at = place[level[some][:size]]
                 blocks.append(_Block(run[some][::size] + sum(map(len, ids)), at, charged, after))
@@ -163,17 +170,6 @@ class Hits:
         parts = [(block, chosen[block.run]) for block in self.blocks]
         some = [_Block(b.run[k], b.level, b.charged[k], b.after[k]) for b, k in parts if k.any()]
         return replace(self, blocks=tuple(some))
-
-
-def _alike(run: Counts, level: Counts) -> Iterator[tuple[slice, int]]:
-    """Yield where runs with the same levels in the same order stand together, and how many levels they have."""
-    begins = np.flatnonzero(np.diff(run, prepend=-1))
-    sizes = np.diff(begins, append=len(run))
-    before = np.repeat(np.roll(sizes, 1), sizes)  # how many the run before has
-    unlike = np.append(level != level[np.maximum(np.arange(len(run)) - before, 0)], False)
-    new = np.flatnonzero((np.diff(sizes, prepend=0) != 0) | np.logical_or.reduceat(unlike, begins))
-    for k, end in zip(new.tolist(), [*begins[new[1:]].tolist(), len(run)]):
-        yield slice(int(begins[k]), end), int(sizes[k])
 
 
 def runtimes(hits: Hits | pd.DataFrame, runs: pd.DataFrame, instances: Sequence[str] = ()) -> Iterator[Runtimes]:

@@ -8,7 +8,7 @@ the notes of its sources, `bench pack` and the exports carry them.
 import json
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -219,13 +219,3 @@ def write_notes(folder: Path, notes: Notes) -> Path:
     """Write the notes of a folder, whole."""
     text = json.dumps(asdict(notes), indent=1, ensure_ascii=False).encode()
     return write_whole(folder / NOTES, lambda file: file.write(text))
-
-
-def join_notes(sources: Iterable[Path], target: Path) -> None:
-    """Add to the notes and tags of `target` those of the `sources`, each once."""
-    parts = [read_notes(folder) for folder in (target, *sources)]
-    tags = dict.fromkeys(tag for part in parts for tag in part.tags)
-    notes = dict.fromkeys(note for part in parts for note in part.notes)
-    joined = Notes(tuple(tags), parts[0].archived, tuple(sorted(notes, key=lambda note: note.at)))
-    if joined != parts[0]:
-        write_notes(target, joined)

@@ -47,7 +47,7 @@ from calibench.bench.store.collection import PIECE, collect_into, in_order, nest
 from calibench.bench.store.columns import OF_OPTIONS, with_options
 from calibench.bench.store.hits import PROBLEM, columns_for, declared_levels, hit_tables
 from calibench.bench.store.journal import ENDING, FOLDER, Journal, Record, State, claim, journals_in
-from calibench.bench.store.manifest import StoreError, join_notes
+from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.tables import HITS, RUNS, TRACES, Tables, write_tables
 from calibench.core.words import counted, html_table
 
@@ -549,7 +549,13 @@ def merge(sources: Sequence[Path], target: Path, keep_first: bool = False) -> Me
         if any(manifest.get("other_shards") for manifest in plans):
             joined["other_shards"] = sorted(others)
         manifests.write_manifest(target, joined)
-        join_notes(sources, target)
+        # notes and tags of all, each once
+        noted = [manifests.read_notes(folder) for folder in (target, *sources)]
+        tags = dict.fromkeys(tag for part in noted for tag in part.tags)
+        notes = dict.fromkeys(note for part in noted for note in part.notes)
+        one = manifests.Notes(tuple(tags), noted[0].archived, tuple(sorted(notes, key=lambda note: note.at)))
+        if one != noted[0]:
+            manifests.write_notes(target, one)
         known = tables.complete()
     manifest = into.manifest()
     left = len(manifest["planned"].keys() - known)

@@ -230,7 +230,15 @@ class _Index:
 def _read(path: str, name: str) -> Entry | None:
     """Return the entry of a folder, read from its files; None for a folder that is none of ours."""
     folder = Path(path)
-    entry = Entry(study=name, kind="runs", size=_size(path))
+    size, waiting = 0, [path]  # the bytes of all regular files, at any depth
+    while waiting:
+        with suppress(OSError), os.scandir(waiting.pop()) as found:
+            for one in found:
+                if one.is_dir(follow_symlinks=False):
+                    waiting.append(one.path)
+                elif one.is_file(follow_symlinks=False):
+                    size += one.stat(follow_symlinks=False).st_size
+    entry = Entry(study=name, kind="runs", size=size)
     try:
         entry = _entry_of(folder, entry)
         noted = read_notes(folder)
@@ -248,7 +256,19 @@ class _ForeignError(Exception):
 
 def _entry_of(folder: Path, entry: Entry) -> Entry:
     if not (folder / MANIFEST).exists():
-        return _of_calibration(folder, entry)
+        # an arm's calibration, or a camera's
+        from calibench.bench.tracking.tables import calibration_in
+
+        row = calibration_in(folder)
+        if row is None:
+            raise _ForeignError
+        before, after = row["before"], row["after"]
+        size = f"{plain(after)} mm" if before is None else f"{plain(before)} -> {plain(after)} mm"
+        return replace(
+            entry, kind="calibration", when=row["started_at"].isoformat(timespec="seconds"), status="ok",
+            machine=(row["machine"],), planned=1, done=1, commit=row["git_commit"], dirty=row["git_dirty"],
+            headline=f"{size}, {row['level']}" if after is not None else row["level"], command=row["command"],
+        )  # fmt: skip
     try:
         manifest = json_of(read_whole(folder / MANIFEST, LARGEST_MANIFEST))
     except ValueError as error:
@@ -260,7 +280,22 @@ def _entry_of(folder: Path, entry: Entry) -> Entry:
         return _of_runs(folder, entry)
     said = manifest.get("commands") or [""]
     command = str(said[-1]) if isinstance(said, list) else ""
-    return _of_discovery(folder, replace(entry, kind="discovery", command=command))
+    from calibench.bench.tracking.tables import rows_in
+
+    columns = ("verdict", "status", "machine", "started_at", "git_commit", "git_dirty")
+    rows = rows_in(folder, "gaps", columns).to_pylist()
+    verdicts = Counter(row["verdict"] for row in rows if row["status"] == "ok")
+    failed = sum(row["status"] != "ok" for row in rows)
+    dated = [row for row in rows if row["started_at"]]
+    last: Mapping[str, Any] = max(dated, key=lambda row: row["started_at"], default={})
+    began = last.get("started_at")
+    return replace(
+        entry, kind="discovery", command=command,
+        when=began.isoformat(timespec="seconds") if began else _when_of(folder),
+        status=_status(len(rows), failed, 0), machine=_names(row["machine"] for row in rows), planned=len(rows),
+        done=len(rows), failed=failed, commit=last.get("git_commit") or "", dirty=bool(last.get("git_dirty")),
+        headline=", ".join(f"{verdict} in {n} of {len(rows)}" for verdict, n in verdicts.most_common()),
+    )  # fmt: skip
 
 
 def _of_runs(folder: Path, entry: Entry) -> Entry:
@@ -291,25 +326,7 @@ def _of_runs(folder: Path, entry: Entry) -> Entry:
 
         times = table["started_at"]
         last = next(iter(kept(table, compute("equal", times, compute("max", times))).slice(0, 1).to_pylist()), {})
-    began = last.get("started_at")
-    return replace(
-        entry,
-        when=began.isoformat(timespec="seconds") if began and not journaled else _when_of(folder),
-        status=_status(len(finished), count["failed"] + count["timeout"], remaining),
-        problem=_names(group["problem"] for group in groups), optimizer=_names(group["optimizer"] for group in groups),
-        budget=tuple(sorted(budgets)), planned=len(planned), done=len(finished), failed=count["failed"],
-        timeouts=count["timeout"], remaining=remaining, in_journals=len(journaled), headline=_lowest(groups),
-        commit=last.get("git_commit") or "", dirty=bool(last.get("git_dirty")),
-        command=(manifest.get("commands") or [""])[-1],
-    )  # fmt: skip
-
-
-def _status(done: int, failed: int, remaining: int) -> Status:
-    return "unfinished" if remaining else "failed" if failed else "ok" if done else "empty"
-
-
-def _lowest(groups: Sequence[Mapping[str, Any]]) -> str:
-    """Return which method found the lowest value: of one problem with it, of several on how many."""
+    # which method found the lowest value: of one problem with it, of several on how many
     best: dict[str, Mapping[str, Any]] = {}
     for group in groups:
         value = group["best_value_min"]
@@ -317,46 +334,27 @@ def _lowest(groups: Sequence[Mapping[str, Any]]) -> str:
             before = best.get(group["problem"])
             if before is None or value < before["best_value_min"]:
                 best[group["problem"]] = group
+    most = Counter(group["optimizer"] for group in best.values()).most_common(1)
+    headline = f"lowest value by {most[0][0]} on {most[0][1]} of {counted(len(best), 'problem')}" if most else ""
     if len(best) == 1:
         [group] = best.values()
         unit = f" {group['unit']}" if group["unit"] else ""
-        return f"lowest {plain(group['best_value_min'])}{unit} by {group['optimizer']}"
-    most = Counter(group["optimizer"] for group in best.values()).most_common(1)
-    return f"lowest value by {most[0][0]} on {most[0][1]} of {counted(len(best), 'problem')}" if most else ""
-
-
-def _of_discovery(folder: Path, entry: Entry) -> Entry:
-    from calibench.bench.tracking.tables import rows_in
-
-    columns = ("verdict", "status", "machine", "started_at", "git_commit", "git_dirty")
-    rows = rows_in(folder, "gaps", columns).to_pylist()
-    verdicts = Counter(row["verdict"] for row in rows if row["status"] == "ok")
-    failed = sum(row["status"] != "ok" for row in rows)
-    dated = [row for row in rows if row["started_at"]]
-    last: Mapping[str, Any] = max(dated, key=lambda row: row["started_at"], default={})
+        headline = f"lowest {plain(group['best_value_min'])}{unit} by {group['optimizer']}"
     began = last.get("started_at")
     return replace(
-        entry, when=began.isoformat(timespec="seconds") if began else _when_of(folder),
-        status=_status(len(rows), failed, 0), machine=_names(row["machine"] for row in rows), planned=len(rows),
-        done=len(rows), failed=failed, commit=last.get("git_commit") or "", dirty=bool(last.get("git_dirty")),
-        headline=", ".join(f"{verdict} in {n} of {len(rows)}" for verdict, n in verdicts.most_common()),
+        entry,
+        when=began.isoformat(timespec="seconds") if began and not journaled else _when_of(folder),
+        status=_status(len(finished), count["failed"] + count["timeout"], remaining),
+        problem=_names(group["problem"] for group in groups), optimizer=_names(group["optimizer"] for group in groups),
+        budget=tuple(sorted(budgets)), planned=len(planned), done=len(finished), failed=count["failed"],
+        timeouts=count["timeout"], remaining=remaining, in_journals=len(journaled), headline=headline,
+        commit=last.get("git_commit") or "", dirty=bool(last.get("git_dirty")),
+        command=(manifest.get("commands") or [""])[-1],
     )  # fmt: skip
 
 
-def _of_calibration(folder: Path, entry: Entry) -> Entry:
-    """Return the entry of an arm's calibration, or of a camera's."""
-    from calibench.bench.tracking.tables import calibration_in
-
-    row = calibration_in(folder)
-    if row is None:
-        raise _ForeignError
-    before, after = row["before"], row["after"]
-    size = f"{plain(after)} mm" if before is None else f"{plain(before)} -> {plain(after)} mm"
-    return replace(
-        entry, kind="calibration", when=row["started_at"].isoformat(timespec="seconds"), status="ok",
-        machine=(row["machine"],), planned=1, done=1, commit=row["git_commit"], dirty=row["git_dirty"],
-        headline=f"{size}, {row['level']}" if after is not None else row["level"], command=row["command"],
-    )  # fmt: skip
+def _status(done: int, failed: int, remaining: int) -> Status:
+    return "unfinished" if remaining else "failed" if failed else "ok" if done else "empty"
 
 
 def _names(found: Iterable[Any]) -> tuple[str, ...]:
@@ -370,19 +368,6 @@ def _when_of(folder: Path) -> str:
         with suppress(OSError):
             times.append(os.lstat(folder / name).st_mtime)
     return datetime.fromtimestamp(max(times), UTC).isoformat(timespec="seconds")
-
-
-def _size(path: str) -> int:
-    """Return the bytes of all regular files in a folder, at any depth."""
-    total, waiting = 0, [path]
-    while waiting:
-        with suppress(OSError), os.scandir(waiting.pop()) as found:
-            for one in found:
-                if one.is_dir(follow_symlinks=False):
-                    waiting.append(one.path)
-                elif one.is_file(follow_symlinks=False):
-                    total += one.stat(follow_symlinks=False).st_size
-    return total
 
 
 def _filters(words: Sequence[str]) -> list[Callable[[Entry], bool]]:
@@ -402,7 +387,18 @@ def _filters(words: Sequence[str]) -> list[Callable[[Entry], bool]]:
         if key in ("since", "until"):
             if differs:
                 raise ValueError(f"studies: {word}: write since= or until=")
-            at = _time_of(key, value)
+            # as entries have it: ISO, UTC
+            ago = _AGO.fullmatch(value)
+            try:
+                if ago:
+                    moment = datetime.now(UTC) - timedelta(hours=int(ago[1]) * _HOURS[ago[2]])
+                else:
+                    moment = datetime.fromisoformat(value)
+                    moment = moment.astimezone(UTC) if moment.tzinfo else moment.replace(tzinfo=UTC)
+            except (ValueError, OverflowError):
+                such = "a day (2026-11-01), a time, or how long ago (7d, 12h, 2w)"
+                raise ValueError(f"studies: {key}={value:.40}: {such}") from None
+            at = moment.isoformat(timespec="seconds")
             keep.append(lambda entry, at=at, since=key == "since": (entry.when >= at) == since)  # type: ignore[misc]
         else:
             choices = value.split(",")
@@ -417,21 +413,6 @@ def _has(entry: Entry, key: str, choices: Sequence[str]) -> bool:
     texts = [str(one) for one in found] if isinstance(found, tuple) else [str(found)]
     texts = [text.lower() for text in texts] if isinstance(found, bool) else texts
     return any(fnmatchcase(text, choice) for text in texts for choice in choices)
-
-
-def _time_of(key: str, text: str) -> str:
-    """Return a time as entries have it: ISO, UTC."""
-    ago = _AGO.fullmatch(text)
-    try:
-        if ago:
-            at = datetime.now(UTC) - timedelta(hours=int(ago[1]) * _HOURS[ago[2]])
-        else:
-            at = datetime.fromisoformat(text)
-            at = at.astimezone(UTC) if at.tzinfo else at.replace(tzinfo=UTC)
-    except (ValueError, OverflowError):
-        such = "a day (2026-11-01), a time, or how long ago (7d, 12h, 2w)"
-        raise ValueError(f"studies: {key}={text:.40}: {such}") from None
-    return at.isoformat(timespec="seconds")
 
 
 def find_study(results: Path, name: str) -> tuple[Path, Entry]:

@@ -7,7 +7,7 @@ the split with the largest difference of mean ranks, beside what exchanged runs 
 data and start, so they are exchanged among themselves where every epoch has them all.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from html import escape
@@ -124,28 +124,54 @@ class Asked:
 
 def histories(results: Path, asked: Asked) -> tuple[list[History], list[LeftOut]]:
     """Return the history of each cell that is `asked` for, and which studies could not be read."""
-    runs, left_out = _runs(results, asked)
-    found = [_history(key, mine, asked.by) for key, mine in _cells(runs)]
+    some, left_out = [], []
+    for entry in catalogue(results):
+        if entry.kind == "runs" and entry.status == "damaged":
+            left_out.append(LeftOut(results / entry.study, entry.headline))
+        elif asked.concerns(entry):
+            try:
+                some.append(_of_study(results, entry, asked))
+            except StoreError as error:
+                left_out.append(LeftOut(results / entry.study, str(error)))
+    some = [part for part in some if len(part)]
+    every = pd.concat(some, ignore_index=True) if some else pd.DataFrame(columns=RUNS_SCHEMA.names)
+    # the runs of each cell, whatever options its code knew: those that are no defaults tell
+    cells: dict[tuple[Any, ...], list[pd.DataFrame]] = {}
+    columns = ["problem", "problem_options", "data_id", "optimizer", "optimizer_options", *SETTING]
+    for key, mine in every.groupby(columns, sort=False, dropna=False):
+        named = dict(zip(columns, key, strict=True))
+        setting = tuple(None if named[name] != named[name] else named[name] for name in ("data_id", *SETTING))
+        cells.setdefault((named["problem"], named["optimizer"], two_studies.chosen_of(named), setting), []).append(mine)
+    found = []
+    for (problem, optimizer, options, setting), parts in cells.items():
+        runs = pd.concat(parts)
+        versions = _versions(runs, asked.by)
+        begins = [i for i, version in enumerate(versions) if not version.same]
+        pairs = [two_studies.partners(versions[a].runs, versions[b].runs) for a, b in pairwise(begins)]
+        tests = [two_studies.two_sides(*pair, asked.by) for pair in pairs]
+        steps = {
+            i: Step(p, verdict, why, tested)
+            for i, tested, (p, verdict, why) in zip(
+                begins[1:], tests, two_studies.verdicts(tests, asked.by), strict=True
+            )
+        }
+        change = None
+        if len(begins) > 1 and stats.has_chance(runs):
+            epochs = [versions[i].runs for i in begins]
+            repetitions = [part["repetition"].tolist() for part in epochs]
+            same: Flags | None = None  # which runs of each epoch are those of the epoch before
+            if all(each == repetitions[0] for each in repetitions):
+                kept = np.array([part[[*_SAME_RUN]].to_numpy(dtype=float) for part in epochs])
+                same = np.zeros(kept.shape[:2], dtype=bool)
+                same[1:] = ((kept[1:] == kept[:-1]) | (np.isnan(kept[1:]) & np.isnan(kept[:-1]))).all(axis=2)
+            at, p, worse = change_point([scores(part, asked.by) for part in epochs], repetitions, same)
+            change = Change(begins[at], p, p, worse)
+        found.append(History(problem, optimizer, options, setting, asked.by, tuple(versions), steps, change))
     corrected = iter(holm([one.change.p for one in found if one.change is not None]))
     return [
         replace(one, change=replace(one.change, p_holm=float(next(corrected)))) if one.change is not None else one
         for one in found
     ], left_out
-
-
-def _runs(results: Path, asked: Asked) -> tuple[pd.DataFrame, list[LeftOut]]:
-    parts, left_out = [], []
-    found = [one for one in catalogue(results) if one.kind == "runs"]
-    for entry in found:
-        if entry.status == "damaged":
-            left_out.append(LeftOut(results / entry.study, entry.headline))
-        elif asked.concerns(entry):
-            try:
-                parts.append(_of_study(results, entry, asked))
-            except StoreError as error:
-                left_out.append(LeftOut(results / entry.study, str(error)))
-    parts = [part for part in parts if len(part)]
-    return (pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=RUNS_SCHEMA.names)), left_out
 
 
 def _of_study(results: Path, entry: Entry, asked: Asked) -> pd.DataFrame:
@@ -155,38 +181,6 @@ def _of_study(results: Path, entry: Entry, asked: Asked) -> pd.DataFrame:
         texts = runs[name].astype(str)
         keep &= texts.map({text: asked.matches(name, text) for text in texts.unique()}).to_numpy(bool)
     return runs[keep].assign(study=entry.study)
-
-
-def _cells(runs: pd.DataFrame) -> Iterator[tuple[tuple[Any, ...], pd.DataFrame]]:
-    """Yield the runs of each cell, whatever options its code knew: those that are no defaults tell."""
-    rows: dict[tuple[Any, ...], list[pd.DataFrame]] = {}
-    columns = ["problem", "problem_options", "data_id", "optimizer", "optimizer_options", *SETTING]
-    for key, mine in runs.groupby(columns, sort=False, dropna=False):
-        named = dict(zip(columns, key, strict=True))
-        setting = tuple(None if named[name] != named[name] else named[name] for name in ("data_id", *SETTING))
-        rows.setdefault((named["problem"], named["optimizer"], two_studies.chosen_of(named), setting), []).append(mine)
-    for what, parts in rows.items():
-        yield what, pd.concat(parts)
-
-
-def _history(what: tuple[Any, ...], runs: pd.DataFrame, by: By) -> History:
-    versions = _versions(runs, by)
-    begins = [i for i, version in enumerate(versions) if not version.same]
-    pairs = [two_studies.partners(versions[a].runs, versions[b].runs) for a, b in pairwise(begins)]
-    tests = [two_studies.two_sides(*pair, by) for pair in pairs]
-    steps = {
-        i: Step(p, verdict, why, tested)
-        for i, tested, (p, verdict, why) in zip(begins[1:], tests, two_studies.verdicts(tests, by), strict=True)
-    }
-    change = None
-    if len(begins) > 1 and stats.has_chance(runs):
-        epochs = [versions[i].runs for i in begins]
-        at, p, worse = change_point(
-            [scores(part, by) for part in epochs], [part["repetition"].tolist() for part in epochs], _kept(epochs)
-        )
-        change = Change(begins[at], p, p, worse)
-    problem, optimizer, options, setting = what
-    return History(problem, optimizer, options, setting, by, tuple(versions), steps, change)
 
 
 def _versions(runs: pd.DataFrame, by: By) -> list[Version]:
@@ -203,7 +197,10 @@ def _versions(runs: pd.DataFrame, by: By) -> list[Version]:
         made_in = tuple(mine["study"].unique())
         mine = mine.drop_duplicates("run_id").sort_values(["repetition", "run_id"]).reset_index(drop=True)
         first = mine.sort_values("started_at").iloc[0]
-        same = bool(versions) and _alike(versions[-1].runs, mine, by)
+        same = False
+        if versions:  # it is where the runs that both made, of one repetition each, score the same
+            a, b, paired = two_studies.partners(versions[-1].runs, mine)
+            same = paired and np.array_equal(scores(a, by), scores(b, by)) and np.array_equal(answers(a), answers(b))
         versions.append(
             Version(
                 str(mine["code_digest"].iloc[0]), str(first["git_commit"]), bool(first["git_dirty"]),
@@ -211,12 +208,6 @@ def _versions(runs: pd.DataFrame, by: By) -> list[Version]:
             )
         )  # fmt: skip
     return versions
-
-
-def _alike(a: pd.DataFrame, b: pd.DataFrame, by: By) -> bool:
-    """Tell whether the runs that both versions made, of one repetition each, score the same."""
-    a, b, paired = two_studies.partners(a, b)
-    return paired and bool(np.array_equal(scores(a, by), scores(b, by)) and np.array_equal(answers(a), answers(b)))
 
 
 def change_point(
@@ -244,17 +235,6 @@ def change_point(
     largest = np.abs(_splits(sums, sizes)).max(axis=1)
     p = (1 + int((largest >= np.abs(seen[at]) * (1 - 1e-12)).sum())) / (1 + _PERMUTATIONS)
     return at + 1, p, bool(seen[at] > 0)
-
-
-def _kept(parts: Sequence[pd.DataFrame]) -> Flags | None:
-    """Tell which runs of each epoch are those of the epoch before; None where epochs differ in their repetitions."""
-    first = parts[0]["repetition"].tolist()
-    if any(part["repetition"].tolist() != first for part in parts):
-        return None
-    found = np.array([part[[*_SAME_RUN]].to_numpy(dtype=float) for part in parts])
-    same: Flags = np.zeros(found.shape[:2], dtype=bool)
-    same[1:] = ((found[1:] == found[:-1]) | (np.isnan(found[1:]) & np.isnan(found[:-1]))).all(axis=2)
-    return same
 
 
 def _splits(sums: Array, sizes: Any) -> Array:

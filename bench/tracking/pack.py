@@ -14,6 +14,7 @@ import shutil
 import stat
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -50,7 +51,9 @@ _FILES = frozenset(
 )  # fmt: skip
 _NOT_SENT = frozenset((LOCK, SOFT_LOCK, HOLDER, RECORD))
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
-_NO_PACK = (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, EOFError, RuntimeError, UnicodeError)
+_NO_PACK = (
+    zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, NotImplementedError, EOFError, RuntimeError, UnicodeError,
+)  # fmt: skip
 _AT_ONCE = 1 << 20
 _README = """A study of calibench: {study}
 
@@ -71,7 +74,12 @@ requirements.txt has the versions that made these rows. pack.json has a digest o
 
 def files_of_ours(folder: Path) -> tuple[list[Path], list[Path]]:
     """Return the files in a study's folder that bench wrote, and what else stands there; links are never ours."""
-    named = _FILES | _named_in_calibration(folder)
+    named = _FILES
+    if (folder / CALIBRATION).is_file():  # it lists files: its URDF is called as the user's own
+        found = json_of((folder / CALIBRATION).read_bytes())
+        files = found.get("files") if isinstance(found, dict) else None
+        paths = files.values() if isinstance(files, dict) else ()
+        named = named | {Path(path).name for path in paths if isinstance(path, str)}
     mine: list[Path] = []
     others: list[Path] = []
     waiting = [(folder, named, False)]
@@ -94,21 +102,13 @@ def files_of_ours(folder: Path) -> tuple[list[Path], list[Path]]:
     return sorted(mine), others
 
 
-def _named_in_calibration(folder: Path) -> frozenset[str]:
-    """Return the names of the files that a calibration lists: its URDF is called as the user's own."""
-    if not (folder / CALIBRATION).is_file():
-        return frozenset()
-    found = json_of((folder / CALIBRATION).read_bytes())
-    files = found.get("files") if isinstance(found, dict) else None
-    paths = files.values() if isinstance(files, dict) else ()
-    return frozenset(Path(path).name for path in paths if isinstance(path, str))
-
-
 # packing
 
 
 def pack(folder: Path, entry: Entry, to: Path) -> tuple[Path, str]:
     """Write a study as one file; return its path and the digest of its content. The study stays as it is."""
+    from calibench.bench.tracking.tables import rows_in
+
     if os.path.lexists(to):
         raise ValueError(f"pack: --to {to}: is there already; name a new file")
     name = folder.resolve().name
@@ -122,7 +122,17 @@ def pack(folder: Path, entry: Entry, to: Path) -> tuple[Path, str]:
             for path in files_of_ours(folder)[0]:
                 (copy / path.relative_to(folder)).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(path, copy / path.relative_to(folder))
-        (copy / "requirements.txt").write_text(_requirements(copy, entry), encoding="utf-8")
+        # the packages that made the newest row, pinned
+        table = {"runs": "runs", "discovery": "gaps"}.get(entry.kind)
+        rows = rows_in(copy, table, ("versions", "started_at")).to_pylist() if table else []  # type: ignore[arg-type]
+        known = [row for row in rows if row["versions"] and row["started_at"]]
+        needed = "calibench\n"
+        if known:
+            versions = json_of(max(known, key=lambda row: row["started_at"])["versions"])
+            lines = [f"# Python {versions.pop('python', '')}; calibench of commit {entry.commit or 'not known'}"]
+            lines += [f"{package}=={version}" for package, version in versions.items() if version]
+            needed = "\n".join([*lines, ""])
+        (copy / "requirements.txt").write_text(needed, encoding="utf-8")
         again = {"study": shlex.quote(name), "file": shlex.quote(to.name)}
         what, command = f"{entry.kind}: {entry.headline}\n", entry.command or "bench run ..."
         (copy / "README.md").write_text(_README.format(**again, what=what, command=command), "utf-8")
@@ -145,20 +155,6 @@ def pack(folder: Path, entry: Entry, to: Path) -> tuple[Path, str]:
                         shutil.copyfileobj(source, target, _AT_ONCE)
 
         return write_whole(to, write), blake2b(text.encode(), digest_size=16).hexdigest()
-
-
-def _requirements(folder: Path, entry: Entry) -> str:
-    """Return the packages that made the newest row, pinned."""
-    from calibench.bench.tracking.tables import rows_in
-
-    name = {"runs": "runs", "discovery": "gaps"}.get(entry.kind)
-    rows = rows_in(folder, name, ("versions", "started_at")).to_pylist() if name else []  # type: ignore[arg-type]
-    known = [row for row in rows if row["versions"] and row["started_at"]]
-    if not known:
-        return "calibench\n"
-    versions = json_of(max(known, key=lambda row: row["started_at"])["versions"])
-    lines = [f"# Python {versions.pop('python', '')}; calibench of commit {entry.commit or 'not known'}"]
-    return "\n".join([*lines, *(f"{package}=={version}" for package, version in versions.items() if version), ""])
 
 
 # unpacking
@@ -209,8 +205,33 @@ def _unpack(archive: zipfile.ZipFile, results: Path, trust: bool) -> Unpacked:
 
     def fill(folder: Path) -> None:
         for name, (size, digest) in wanted.items():
-            _write_member(archive, by_name[name], folder / name, size, digest)
-        _check_study(folder, study)
+            path, member, mine, left = folder / name, by_name[name], blake2b(digest_size=16), size
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with archive.open(member) as source, open(path, "xb") as target:
+                while part := source.read(min(_AT_ONCE, left + 1)):
+                    left -= len(part)
+                    if left < 0:
+                        raise _Refused(f"{member.filename!a:.100}: holds more than the {size} bytes that are stated")
+                    mine.update(part)
+                    target.write(part)
+            if left or mine.hexdigest() != digest:
+                raise _Refused(f"{member.filename!a:.100}: was damaged: its digest is another")
+        # what was unpacked has to be a study that can be read
+        read_notes(folder)
+        others = (CALIBRATION, HAND_EYE, "gaps.parquet")
+        if (folder / "runs.parquet").exists() or not any((folder / name).exists() for name in others):
+            store = ResultStore(folder)
+            if store.manifest()["study"] != study:
+                raise _Refused(f"its manifest is of another study than {study}")
+            for name in ("runs", "traces"):
+                if (folder / f"{name}.parquet").exists():
+                    check_table(folder / f"{name}.parquet", sealed=True)
+            store.tables()
+        elif (folder / "gaps.parquet").exists():
+            for name in ("gaps", "findings"):
+                check_table(folder / f"{name}.parquet", sealed=False)
+        elif calibration_in(folder) is None:
+            raise _Refused("holds no study, discovery or calibration")
 
     require_free(target)
     write_folder(target, fill)
@@ -281,40 +302,6 @@ def _check_member(member: zipfile.ZipInfo) -> None:
         raise _Refused(f"{member.filename!a:.100}: is encrypted")
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise _Refused(f"{member.filename!a:.100}: is packed in a way that `bench pack` does not use")
-
-
-def _write_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, path: Path, size: int, digest: str) -> None:
-    """Write one file, never more of it than is stated."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    mine, left = blake2b(digest_size=16), size
-    with archive.open(member) as source, open(path, "xb") as target:
-        while part := source.read(min(_AT_ONCE, left + 1)):
-            left -= len(part)
-            if left < 0:
-                raise _Refused(f"{member.filename!a:.100}: holds more than the {size} bytes that are stated")
-            mine.update(part)
-            target.write(part)
-    if left or mine.hexdigest() != digest:
-        raise _Refused(f"{member.filename!a:.100}: was damaged: its digest is another")
-
-
-def _check_study(folder: Path, study: str) -> None:
-    """Raise `ValueError` where what was unpacked is no study that can be read."""
-    read_notes(folder)
-    others = (CALIBRATION, HAND_EYE, "gaps.parquet")
-    if (folder / "runs.parquet").exists() or not any((folder / name).exists() for name in others):
-        store = ResultStore(folder)
-        if store.manifest()["study"] != study:
-            raise _Refused(f"its manifest is of another study than {study}")
-        for name in ("runs", "traces"):
-            if (folder / f"{name}.parquet").exists():
-                check_table(folder / f"{name}.parquet", sealed=True)
-        store.tables()
-    elif (folder / "gaps.parquet").exists():
-        for name in ("gaps", "findings"):
-            check_table(folder / f"{name}.parquet", sealed=False)
-    elif calibration_in(folder) is None:
-        raise _Refused("holds no study, discovery or calibration")
 
 
 # deleting

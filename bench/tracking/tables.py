@@ -199,15 +199,29 @@ def query(
     rows = [asdict(one) | {"study": _unicode(one.study)} for one in found]
     in_memory = {"studies": pa.Table.from_pylist(rows, _STUDIES)}
     if "calibrations" in text.lower():
-        in_memory["calibrations"] = _calibrations(results, found)
+        arms = []
+        for entry in found:
+            if entry.kind == "calibration" and entry.status != "damaged":
+                row = calibration_in(folder_of(results, entry))
+                if row is not None:
+                    arms.append(row | {"folder": _unicode(entry.study)})
+        in_memory["calibrations"] = pa.Table.from_pylist(arms, CALIBRATIONS_SCHEMA)
     try:
         try:
             return *_answer(text, {name: [paths] for name, paths in files.items()}, in_memory), left_out
         except (duckdb.ParserException, duckdb.BinderException, duckdb.CatalogException):  # the question is wrong
             raise
-        except duckdb.Error:  # a file may be
-            groups, wrong = _sift(files)
-            return *_answer(text, groups, in_memory), left_out + wrong
+        except duckdb.Error:  # a file may be: asked of those that are as they were written, by their columns
+            groups: dict[str, dict[frozenset[str], list[Path]]] = {name: {} for name in files}
+            for name, paths in files.items():
+                for path in paths:
+                    try:
+                        columns = frozenset(check_table(path, sealed=name in _SEALED).schema_arrow.names)
+                        groups[name].setdefault(columns, []).append(path)
+                    except StoreError as error:
+                        left_out.append(LeftOut(path.parent, str(error)))
+            whole = {name: [*of_one.values()] for name, of_one in groups.items()}
+            return *_answer(text, whole, in_memory), left_out
     except duckdb.Error as error:
         raise ValueError(f"sql: {' '.join(str(error).split())[:600]}") from None
 
@@ -243,20 +257,6 @@ def _answer(
         return [column[0] for column in rows.description or ()], rows.fetchall()
 
 
-def _sift(files: Mapping[str, Sequence[Path]]) -> tuple[dict[str, list[list[Path]]], list[LeftOut]]:
-    """Return the files that are as they were written, together those of the same columns, and what is left out."""
-    groups: dict[str, dict[frozenset[str], list[Path]]] = {name: {} for name in files}
-    wrong = []
-    for name, paths in files.items():
-        for path in paths:
-            try:
-                columns = frozenset(check_table(path, sealed=name in _SEALED).schema_arrow.names)
-                groups[name].setdefault(columns, []).append(path)
-            except StoreError as error:
-                wrong.append(LeftOut(path.parent, str(error)))
-    return {name: [*of_one.values()] for name, of_one in groups.items()}, wrong
-
-
 def _unicode(name: str) -> str:
     """Return the name of a folder as text: a file system takes bytes that are none."""
     return name.encode(errors="replace").decode()
@@ -264,16 +264,6 @@ def _unicode(name: str) -> str:
 
 def _quoted(text: str) -> str:
     return "'" + text.replace("'", "''") + "'"
-
-
-def _calibrations(results: Path, found: Sequence[Entry]) -> pa.Table:
-    rows = []
-    for entry in found:
-        if entry.kind == "calibration" and entry.status != "damaged":
-            row = calibration_in(folder_of(results, entry))
-            if row is not None:
-                rows.append(row | {"folder": _unicode(entry.study)})
-    return pa.Table.from_pylist(rows, CALIBRATIONS_SCHEMA)
 
 
 _ARROW: dict[Any, pa.DataType] = {int: pa.int64(), bool: pa.bool_()}  # any other is text

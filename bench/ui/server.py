@@ -50,7 +50,7 @@ from calibench.bench.report.study.page import StudyPage
 from calibench.bench.report.study.write import finished_runs
 from calibench.bench.statistics import tables
 from calibench.bench.statistics.fixed_target import Hits
-from calibench.bench.statistics.progress import SweepProgress, sweep_progress
+from calibench.bench.statistics.progress import sweep_progress
 from calibench.bench.statistics.ranking import By
 from calibench.bench.statistics.targets import levels_of
 from calibench.bench.statistics.two_studies import compare
@@ -277,8 +277,9 @@ class _Site:
 
     def _line(self, entry: Entry) -> dict[str, Any]:
         status: str = entry.status
-        if status in ("unfinished", "empty") and is_running(folder_of(self.results, entry)):
-            status = "running"
+        folder = folder_of(self.results, entry)
+        if status in ("unfinished", "empty") and (folder / "running").is_dir() and hosts_at_work(folder):
+            status = "running"  # as far as this machine can tell
         line = {name: " ".join(text.split()) for name, text in line_of(entry).items()}
         more = {"id": id_of(entry), "status": status, "archived": entry.archived, "tag": entry.tag}
         return line | more | {"notes": entry.notes}
@@ -324,7 +325,14 @@ class _Site:
                 text = written.read_text("utf-8", "replace")
                 late = written.stat().st_mtime_ns < max(size_time[2] for size_time in state[:3])
                 text = "" if late or str(escape(policy())) not in text else text
-            self._pages[folder, state] = text or _page_of(store)
+            if not text:  # the page without drawings: its scripts draw
+                with tables.problems_made_once():
+                    finished = finished_runs(store)
+                    text = StudyPage(
+                        folder=store.folder, runs=finished.runs, traces=finished.traces, summary=finished.summary,
+                        hits=Hits.of(store.hits(levels_of(finished.runs))), manifest=store.manifest(),
+                    ).html()  # fmt: skip
+            self._pages[folder, state] = text
             while len(self._pages) > _KEPT:
                 self._pages.popitem(last=False)
             return self._pages[folder, state]
@@ -335,7 +343,24 @@ class _Site:
         query, order = request.query_params.get("q", ""), request.query_params.get("by", "")
         down = order.startswith("-")
         table = ResultStore(folder).runs(list(_COLUMNS))
-        found = table[_kept(table, query.split())]
+        # each word is COLUMN=VALUE with globs, or a text that some column holds
+        keep = pd.Series(True, index=table.index)
+        for word in query.split():
+            column, equals, value = word.partition("=")
+            differs, column = column.endswith("!"), column.removesuffix("!")
+            if equals:
+                if column not in _COLUMNS:
+                    raise ValueError(f"there is no column {column!r} here: {', '.join(_COLUMNS)}")
+                known = [v for v in table[column].unique() if any(fnmatchcase(str(v), one) for one in value.split(","))]
+                keep &= table[column].isin(known) != differs
+            else:
+                text = word.casefold()
+                any_of = pd.Series(False, index=table.index)
+                for name in ("run_id", "problem", "optimizer", "status", "stop_reason"):
+                    known = [one for one in table[name].unique() if text in str(one).casefold()]
+                    any_of |= table[name].isin(known)
+                keep &= any_of
+        found = table[keep]
         if order.lstrip("-") in _COLUMNS:
             found = found.sort_values(order.lstrip("-"), ascending=not down, kind="stable")
         first = _whole(request.query_params.get("from", "0"))
@@ -491,37 +516,6 @@ def _pages_in(folder: Path, entry: Entry) -> list[Path]:
     return there
 
 
-@tables.problems_made_once()
-def _page_of(store: ResultStore) -> str:
-    """Return the report's page of a study, without drawings: its scripts draw."""
-    finished = finished_runs(store)
-    return StudyPage(
-        folder=store.folder, runs=finished.runs, traces=finished.traces, summary=finished.summary,
-        hits=Hits.of(store.hits(levels_of(finished.runs))), manifest=store.manifest(),
-    ).html()  # fmt: skip
-
-
-def _kept(table: pd.DataFrame, words: Sequence[str]) -> "pd.Series[bool]":
-    """Return which runs keep to the words: COLUMN=VALUE with globs, or a text that some column holds."""
-    keep = pd.Series(True, index=table.index)
-    for word in words:
-        column, equals, value = word.partition("=")
-        differs, column = column.endswith("!"), column.removesuffix("!")
-        if equals:
-            if column not in _COLUMNS:
-                raise ValueError(f"there is no column {column!r} here: {', '.join(_COLUMNS)}")
-            known = [one for one in table[column].unique() if any(fnmatchcase(str(one), v) for v in value.split(","))]
-            keep &= table[column].isin(known) != differs
-        else:
-            text = word.casefold()
-            any_of = pd.Series(False, index=table.index)
-            for name in ("run_id", "problem", "optimizer", "status", "stop_reason"):
-                known = [one for one in table[name].unique() if text in str(one).casefold()]
-                any_of |= table[name].isin(known)
-            keep &= any_of
-    return keep
-
-
 def _numbers(**values: Any) -> Markup:
     """Return what the scripts that draw read; the page of a report has more."""
     return as_json({"problems": [], "cells": {"problem": [], "method": []}} | values)
@@ -601,14 +595,20 @@ class Follower:
         if state == self._state and time.monotonic() - self._at < _AGAIN:
             return None
         event: dict[str, Any] = {}
-        grid = _grid(self.store.manifest())
+        # evenly apart on a logarithmic axis up to the largest budget
+        most = max([2, *(int(one) for one in (self.store.manifest().get("budgets") or {}).values())])
+        grid: Array = np.unique(np.round(np.geomspace(1, most, _POINTS)))
         if not np.array_equal(grid, self._grid):  # at the first look, and where a larger budget has joined
             self._grid, self._seen, self._runs, self._growing, self._tables = grid, set(), {}, {}, ()
             event["at"] = grid.tolist()
         progress, running = sweep_progress(self.store), read_running(self.store.folder)
         changed = self._new_runs()
         self._state, self._at = state, time.monotonic()
-        status = _status(self.store.folder, progress)
+        status: Status = "done"
+        if progress.to_do and progress.hosts:
+            status = "running"
+        elif progress.to_do:  # who ends by itself takes its own away
+            status = "killed" if any((self.store.folder / "running").glob("*")) else "stopped"
         way = f"; the same command goes on: {progress.command}" if progress.command else ""
         curves = []
         for cell in sorted(changed):  # the median over the runs of a cell; a run without a value is infinitely bad
@@ -640,22 +640,21 @@ class Follower:
         tables = tuple(_stat(self.store.folder / name) for name in ("runs.parquet", "traces.parquet"))
         if tables != self._tables:
             self._tables = tables
-            changed |= self._of_tables()
+            rows = self.store.rows(["run_id", "problem", "optimizer"]).to_pylist()
+            new = [row for row in rows if row["run_id"] not in self._seen]
+            if new:
+                traces = self.store.traces()
+                ids = pa.array([row["run_id"] for row in new], pa.string())
+                found = (
+                    index_in(pa.array(traces["run_id"], pa.string()), ids).to_numpy(zero_copy_only=False).astype(float)
+                )
+                known = np.flatnonzero(~np.isnan(found))
+                order = known[np.argsort(found[known], kind="stable")]
+                ends = np.searchsorted(found[order], np.arange(len(new) + 1))
+                charged, best = (traces[name].to_numpy(dtype=float)[order] for name in ("charged", "best_value"))
+                parts = zip(new, ends, ends[1:], strict=False)
+                changed |= {self._take(row, charged[a:b], best[a:b]) for row, a, b in parts}
         return changed
-
-    def _of_tables(self) -> set[Cell]:
-        rows = self.store.rows(["run_id", "problem", "optimizer"]).to_pylist()
-        new = [row for row in rows if row["run_id"] not in self._seen]
-        if not new:
-            return set()
-        traces = self.store.traces()
-        ids = pa.array([row["run_id"] for row in new], pa.string())
-        found = index_in(pa.array(traces["run_id"], pa.string()), ids).to_numpy(zero_copy_only=False).astype(float)
-        known = np.flatnonzero(~np.isnan(found))
-        order = known[np.argsort(found[known], kind="stable")]
-        ends = np.searchsorted(found[order], np.arange(len(new) + 1))
-        charged, best = (traces[name].to_numpy(dtype=float)[order] for name in ("charged", "best_value"))
-        return {self._take(row, charged[a:b], best[a:b]) for row, a, b in zip(new, ends, ends[1:], strict=False)}
 
     def _take(self, row: dict[str, Any], charged: Array, best: Array) -> Cell:
         cell = str(row["problem"]), str(row["optimizer"])
@@ -695,27 +694,6 @@ def _stat(path: Path) -> tuple[str, int, int]:
     except OSError:
         return path.name, -1, 0
     return path.name, found.st_size, found.st_mtime_ns
-
-
-def is_running(folder: Path) -> bool:
-    """Tell whether somebody is at work in a folder, as far as this machine can tell."""
-    return (folder / "running").is_dir() and bool(hosts_at_work(folder))
-
-
-def _status(folder: Path, progress: SweepProgress) -> Status:
-    if progress.hosts and progress.to_do:
-        return "running"
-    if not progress.to_do:
-        return "done"
-    left = any((folder / "running").glob("*"))  # who ends by itself takes its own away
-    return "killed" if left else "stopped"
-
-
-def _grid(manifest: dict[str, Any]) -> Array:
-    """Return the counts at which curves are told, evenly apart on a logarithmic axis up to the largest budget."""
-    most = max([2, *(int(one) for one in (manifest.get("budgets") or {}).values())])
-    counts: Array = np.unique(np.round(np.geomspace(1, most, _POINTS)))
-    return counts
 
 
 def _rounded(values: Array) -> list[float | None]:

@@ -57,15 +57,31 @@ def search(asked: Asked, region: Region, options: Options, x0: Array) -> Outcome
     if contradiction:
         outcome = Outcome(-2, f"No feasible point: {contradiction}.", None)
     else:
-        walk, gradient, slopes = _begin(asked, region, options, x0)
+        # before the first iterate: scales come from the derivatives at the start
+        frame = Frame.of(region, x0, options.ScaleProblem and options.ScaleVariables)
+        x = frame.x0
+        if options.Algorithm == "interior-point" and frame.free.any():
+            x = frame.x(frame.inside(frame.u(x)))
+        if not region.is_defined(x):
+            raise ValueError("the constraints are undefined at the initial point: NaN, infinite or complex")
+        value = asked.value(x)
+        if not np.isfinite(value):
+            raise ValueError(f"the objective is undefined at the initial point: it is {value:g} there")
+        steps = difference_steps(x, (), options)
+        gradient = asked.gradient(x, steps)
+        if not np.isfinite(gradient).all():
+            raise ValueError("the gradient of the objective is undefined at the initial point")
+        slopes = region.slopes(x, steps)
+        scales = Scales.of(frame, gradient, *slopes, on=options.ScaleProblem)
+        walk = Walk(asked, region, options, State(frame, scales, Seen(x, value, True)))
+
         if options.Display == "iter":
             print(f"{'':>55}{'':>14}{'Norm of':>14}{'First-order':>14}")
             heads = f"{'Iter':>5}{'Func-count':>12}{'Fval':>19}{'Feasibility':>15}{'Step length':>14}{'step':>14}"
             print(f"{heads}{'optimality':>14}")
-        x, end, why = walk.state.seen.x, None, "Every variable is fixed by its bounds"
+        end, why = None, "Every variable is fixed by its bounds"
         try:
             walk.arrive(x, gradient, slopes)
-            frame = walk.state.frame
             if frame.free.any():
                 why = (sqp if options.Algorithm == "sqp" else interior_point)(walk, frame.u(x))
         except Finished as raised:
@@ -88,26 +104,6 @@ def search(asked: Asked, region: Region, options: Options, x0: Array) -> Outcome
     if options.Display != "off":
         print(f"\n{outcome.message}")
     return outcome
-
-
-def _begin(asked: Asked, region: Region, options: Options, x0: Array) -> tuple[Walk, Array, Slopes]:
-    """Return a walk before its first iterate, with scales from the derivatives at its start, and these."""
-    frame = Frame.of(region, x0, options.ScaleProblem and options.ScaleVariables)
-    x = frame.x0
-    if options.Algorithm == "interior-point" and frame.free.any():
-        x = frame.x(frame.inside(frame.u(x)))
-    if not region.is_defined(x):
-        raise ValueError("the constraints are undefined at the initial point: NaN, infinite or complex")
-    value = asked.value(x)
-    if not np.isfinite(value):
-        raise ValueError(f"the objective is undefined at the initial point: it is {value:g} there")
-    steps = difference_steps(x, (), options)
-    gradient = asked.gradient(x, steps)
-    if not np.isfinite(gradient).all():
-        raise ValueError("the gradient of the objective is undefined at the initial point")
-    slopes = region.slopes(x, steps)
-    scales = Scales.of(frame, gradient, *slopes, on=options.ScaleProblem)
-    return Walk(asked, region, options, State(frame, scales, Seen(x, value, True))), gradient, slopes
 
 
 @final

@@ -91,10 +91,21 @@ class Orthoglide:
         from calibench.problems.orthoglide import _kernels as kernels
 
         m, dim = len(self.plan), len(self.parameters)
-        joints, rows = plans.postures(self.plan)
+        # postures: the Zero one first, then each level of an axis; rows are leg, direction and two postures
+        places: dict[tuple[str, float], int] = {}
+        rows = []
+        for r in self.plan:
+            now, then = (
+                0 if level == 0 else places.setdefault((r.axis, level), len(places) + 1)
+                for level in (r.level_mm, r.against_mm)
+            )
+            rows.append((AXES.index(r.leg), AXES.index(r.direction), now, then))
+        points = [np.zeros(3), *(level * np.eye(3)[AXES.index(axis)] for axis, level in places)]
+        joints = inverse_kinematics(np.array(points))  # as commanded
         free = np.array([NAMES.index(p.name) for p in self.parameters], dtype=np.int64)
         gauge = np.array([r.gauge_position for r in self.plan])
-        machine = (free, geometry().length, joints, rows, gauge, np.array(self.deviations))
+        of_readings, deviations = np.array(rows, dtype=np.int64), np.array(self.deviations)
+        machine = (free, geometry().length, joints, of_readings, gauge, deviations)
         constants = (*machine, False, np.zeros(m), np.zeros((m, dim)))
         if self.model == "linear":
             nominal = np.zeros(dim)

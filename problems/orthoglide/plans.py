@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibench.core.options import suggest
 from calibench.core.tables.cells import number_of
@@ -141,20 +140,6 @@ def check_plan(plan: Sequence[Reading]) -> None:
                     f"{where}: gauge_position={reading.gauge_position:g} is off the leg at level_mm={level:g} "
                     f"(share {share:.2f} of it, 0 .. 1 is needed); move the gauge or take a smaller level"
                 )
-
-
-def postures(plan: Sequence[Reading]) -> tuple[Array, NDArray[np.int64]]:
-    """Return the commanded joints, shape (k, 3), mm, Zero first, and rows (m, 4): leg, direction, two postures."""
-    places: dict[tuple[str, float], int] = {}
-    rows = []
-    for r in plan:
-        now, then = (
-            0 if level == 0 else places.setdefault((r.axis, level), len(places) + 1)
-            for level in (r.level_mm, r.against_mm)
-        )
-        rows.append((AXES.index(r.leg), AXES.index(r.direction), now, then))
-    points = [np.zeros(3), *(level * np.eye(3)[AXES.index(axis)] for axis, level in places)]
-    return inverse_kinematics(np.array(points)), np.array(rows, dtype=np.int64)
 
 
 def differences(plan: Sequence[Reading]) -> Array:

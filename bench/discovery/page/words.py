@@ -19,7 +19,7 @@ from calibench.discrepancy.labels import effect_label, part_label, quantity_labe
 from calibench.discrepancy.model.effect import IN_ROWS
 from calibench.discrepancy.noise.laws import OF_NOISE
 from calibench.discrepancy.remarks import NOISE_UNSTATED
-from calibench.discrepancy.report import Amplitude, Caution, Doubt, Finding, Place, Report, Rival
+from calibench.discrepancy.report import Amplitude, Doubt, Finding, Place, Report, Rival
 from calibench.discrepancy.search.finding import BEGINS, FREE_PERIOD
 from calibench.discrepancy.search.smoother import NEAR
 
@@ -110,7 +110,15 @@ def formula_sentences(report: Report) -> list[str]:
     if (one := report.formula) is None:
         return []
     named = [*one.sizes, *one.numbers]
-    numbers = [f"{c.name} = {_number(size)}" for c, size in zip(named, one.intervals)]
+    numbers = []
+    for c, size in zip(named, one.intervals):
+        if size.unit in _STEPS and size.unit != "1":
+            text = amount(size.value, size.unit, size.ci95)
+        else:
+            low, high = size.ci95
+            unit = "" if size.unit == "1" else f" {size.unit}"
+            text = f"{plain(size.value, 4)}{unit} (95 %: {plain(low, 4)} to {plain(high, 4)})"
+        numbers.append(f"{c.name} = {text}")
     most = [f"{_where(report, name)} by {_bare(a.value, a.unit)} at most" for name, a in zip(one.changes, one.largest)]
     of = "what the names leave" if report.findings else "what is more than noise"
     rest = ", and smooth curves take a part of the rest" if one.smooth_beside else ""
@@ -119,15 +127,6 @@ def formula_sentences(report: Report) -> list[str]:
     if one.rivals:
         said.append(f"Nearly as likely: {'; or '.join(rival.text for rival in one.rivals[:FEW_NAMES])}.")
     return said
-
-
-def _number(size: Amplitude) -> str:
-    """Return a number of a formula, in its unit, with its interval."""
-    low, high = size.ci95
-    if size.unit in _STEPS and size.unit != "1":
-        return amount(size.value, size.unit, size.ci95)
-    unit = "" if size.unit == "1" else f" {size.unit}"
-    return f"{plain(size.value, 4)}{unit} (95 %: {plain(low, 4)} to {plain(high, 4)})"
 
 
 def shortest_words(report: Report) -> str:
@@ -150,7 +149,20 @@ def doubt_sentences(report: Report) -> list[str]:
     alike: dict[tuple[str, str], list[Finding]] = {}
     for f in (f for f in report.findings if f.caution):
         alone = "" if [one.code for one in f.caution] == [Doubt.UNCONFIRMED] else f.effect
-        alike.setdefault((alone, "; ".join(caution_words(report, one) for one in f.caution)), []).append(f)
+        doubts = []
+        for one in f.caution:
+            over = " and ".join(f"the {quantity_label(machine, name, report.words)}" for name in one.columns)
+            part = part_label(machine, one.part) or "the readings"
+            as_names = " as all these names" if len(report.findings) > 1 else ""
+            said_of = {
+                Doubt.FORMULA_ERROR: "may be the error of the first formula",
+                Doubt.OTHER_CAUSE: f"may be another cause: beside it the same part errs over {over}",
+                Doubt.ONE_CAUSE: f"may be another cause: one error of {part} over {over} explains as much{as_names}",
+                Doubt.UNCONFIRMED: "is periodic over these readings; another set (across=) tells whether it always is",
+                Doubt.NOT_ELSEWHERE: f"is periodic over these readings, and not over those of {', '.join(one.cases)}",
+            }
+            doubts.append(said_of[one.code])
+        alike.setdefault((alone, "; ".join(doubts)), []).append(f)
     doubted = []
     for (_, doubt), (first, *more) in alike.items():
         doubtful = _join([_label(machine, f) for f in (first, *more)])
@@ -176,20 +188,6 @@ def doubt_sentences(report: Report) -> list[str]:
     if noises:
         said.append(f"Repeats do not tell the noise. A{'; '.join(noises)[1:]}.")
     return said
-
-
-def caution_words(report: Report, caution: Caution) -> str:
-    """Return a doubt as what is said of its name."""
-    over = " and ".join(f"the {quantity_label(report.machine, name, report.words)}" for name in caution.columns)
-    part = part_label(report.machine, caution.part) or "the readings"
-    names = " as all these names" if len(report.findings) > 1 else ""
-    return {
-        Doubt.FORMULA_ERROR: "may be the error of the first formula",
-        Doubt.OTHER_CAUSE: f"may be another cause: beside it the same part errs over {over}",
-        Doubt.ONE_CAUSE: f"may be another cause: one error of {part} over {over} explains as much{names}",
-        Doubt.UNCONFIRMED: "is periodic over these readings; another set (across=) tells whether it always is",
-        Doubt.NOT_ELSEWHERE: f"is periodic over these readings, and not over those of {', '.join(caution.cases)}",
-    }[caution.code]
 
 
 def control_sentences(report: Report) -> list[str]:

@@ -67,7 +67,16 @@ def reading_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
     budgets = evidence.runs.loc[evidence.runs["study"] == _STUDY, "budget"]
     budget = float(budgets.max()) if len(budgets) else np.nan
     for method in _SECTIONS:
-        readings = readings_of(evidence, method)
+        # those that were run, that by default first
+        runs = evidence.runs[(evidence.runs["study"] == _STUDY) & (evidence.runs["optimizer"] == method)]
+        plainly = json.loads(json.dumps(dict(options_of(optimizers.make(method)))))
+        readings = []
+        for text in sorted(set(runs["optimizer_options"]), key=lambda text: json.loads(text) != plainly):
+            options = json.loads(text)
+            changed = [f"{key}={value}" for key, value in options.items() if value != plainly[key]]
+            mine = {error: evidence.of(_STUDY, "full12", method, {"error": error}, options) for error in _ERRORS}
+            values = {error: ledger.values_of(some, "best_value") for error, some in mine.items()}
+            readings.append(Reading(" ".join(changed).replace("False", "false") or _DEFAULT, values))
         levels = {error: printed.column(f"table6.{method}")[error.lower()] for error in _ERRORS}
         yield _column(printed, method, readings, levels, budget)
         for error, level in levels.items():
@@ -91,20 +100,6 @@ def reading_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
                 about=f"table6.{method}.{error.lower()}", differs="it is the nearest of all readings after its own "
                 "budget, the cell the reading by default after another",
             )  # fmt: skip
-
-
-def readings_of(evidence: Evidence, method: str) -> list[Reading]:
-    """Return the readings that were run, that by default first."""
-    runs = evidence.runs[(evidence.runs["study"] == _STUDY) & (evidence.runs["optimizer"] == method)]
-    default = json.loads(json.dumps(dict(options_of(optimizers.make(method)))))
-    readings = []
-    for text in sorted(set(runs["optimizer_options"]), key=lambda text: json.loads(text) != default):
-        options = json.loads(text)
-        changed = [f"{key}={value}" for key, value in options.items() if value != default[key]]
-        mine = {error: evidence.of(_STUDY, "full12", method, {"error": error}, options) for error in _ERRORS}
-        best = {error: ledger.values_of(some, "best_value") for error, some in mine.items()}
-        readings.append(Reading(" ".join(changed).replace("False", "false") or _DEFAULT, best))
-    return readings
 
 
 def _column(printed: Printed, method: str, readings: list[Reading], levels: Mapping[str, float], budget: float) -> Row:

@@ -29,7 +29,7 @@ from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.ticker import LogFormatterSciNotation, NullLocator
 
 from calibench.bench.gate.processes import CAN_FORK, WorkerPool
-from calibench.bench.report.shared.kept import NOTHING_KEPT, Kept, digest
+from calibench.bench.report.shared.kept import NOTHING_KEPT, Kept, digest, state_of_file
 
 Drawing = tuple[Figure, pd.DataFrame]
 Drawable = tuple[str, Callable[[], Drawing]]  # its name, and what draws it
@@ -211,8 +211,10 @@ class Drawings(Mapping[str, Path]):
         self.digests = {name: digest(draw) for name, draw in drawable}
         self._drawable = []
         for name, draw in drawable:
-            if kept.has_figure(folder, name, self.digests[name], _ENDINGS):
-                self._files[name].set_result(self._paths(name))
+            paths, drawn_from = [self._folder / f"{name}.{ending}" for ending in _ENDINGS], self.digests[name]
+            same = [state_of_file(path) == kept.files.get(f"figures/{path.name}", []) for path in paths]
+            if drawn_from and kept.figures.get(name) == drawn_from and all(same):
+                self._files[name].set_result(paths)
             else:
                 self._drawable.append((name, draw))
         self._pool: WorkerPool | None = None
@@ -255,9 +257,6 @@ class Drawings(Mapping[str, Path]):
     def _saved(self, number: int) -> list[Path]:
         name, draw = self._drawable[number]
         return save(name, draw(), self._folder)
-
-    def _paths(self, name: str) -> list[Path]:
-        return [self._folder / f"{name}.{ending}" for ending in _ENDINGS]
 
     def _collect(self) -> None:
         """Take the answers of the processes as they come; after one that raised the others have nobody to wait for."""

@@ -51,15 +51,6 @@ class Kept:
         """Tell whether every file is as the report left it, and there is no other."""
         return bool(self.text) and self.files == state_of(folder, self.files)
 
-    def has_figure(self, folder: Path, name: str, digest: str, endings: Sequence[str]) -> bool:
-        """Tell whether the files of a figure are as they were drawn, from what has this digest."""
-        names = [f"figures/{name}.{ending}" for ending in endings]
-        return (
-            bool(digest)
-            and self.figures.get(name) == digest
-            and all(state_of_file(folder / n) == self.files.get(n, []) for n in names)
-        )
-
     def write(self, folder: Path) -> None:
         text = json.dumps(asdict(self))
         write_whole(folder / RECORD, lambda file: file.write(text.encode()))
@@ -71,11 +62,10 @@ NOTHING_KEPT = Kept()
 def state_of(folder: Path, names: Iterable[str] = ()) -> State:
     """Return the state of all files in `folder`, by their relative path, and of those of `names` that are absolute."""
     found = {}
-    for place, _, names in os.walk(folder):
-        for name in names:
-            path = Path(place) / name
-            if name not in (RECORD, ".lock"):
-                found[path.relative_to(folder).as_posix()] = state_of_file(path)
+    for place, _, files in os.walk(folder):
+        for file in {*files} - {RECORD, ".lock"}:
+            path = Path(place) / file
+            found[path.relative_to(folder).as_posix()] = state_of_file(path)
     return found | {name: state_of_file(Path(name)) for name in names if os.path.isabs(name)}
 
 
