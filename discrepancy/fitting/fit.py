@@ -452,6 +452,12 @@ def at_any_scale() -> Iterator[None]:
         _ANY_SCALE.reset(before)
 
 
+def rests(found: Fit) -> bool:
+    """Return whether a further step is as small as the last step of a converged fit."""
+    step = _step(found.r, found.J, found.noise)
+    return bool(np.sqrt(np.mean((found.J @ step) ** 2)) < thresholds().step_still * found.noise.scale)
+
+
 def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, about: Fit | None = None) -> Fit:
     """Return what `fit` returns; a fit that was made before from this start is not made again.
 
@@ -474,10 +480,7 @@ def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, abo
     same = end is not None and (_ANY_SCALE.get() or end.scale == noise.scale)
     if end is not None and (end.converged or same or (near and end.scale > noise.scale)):
         found = fit_at(model, noise, end.x, end.adjusted, end.converged)
-        if not end.converged or same:
-            return found
-        step = _step(found.r, found.J, noise)
-        if np.sqrt(np.mean((found.J @ step) ** 2)) < thresholds().step_still * noise.scale:
+        if not end.converged or same or rests(found):
             return found
     found = fit(model, noise, start, near=near, about=about)
     ends[key] = _End(found.x, readings_of(found.at.model), noise.scale, found.converged, alive)

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from calibench.bench.report.shared.kept import RECORD, Kept, code
+from calibench.bench.report.shared.kept import RECORD, Kept, code, state_of
 
 _SWEEP = "run -m problem=sensor_zero,link_length optimizer=lm seeds=2 budget=60 start=random study=s results=."
 
@@ -53,3 +53,13 @@ def test_a_record_that_is_damaged_or_of_other_code_is_none(tmp_path):
         assert Kept.read(tmp_path) == Kept()
     Kept(code=code(), text="all is well").write(tmp_path)
     assert Kept.read(tmp_path).is_current(tmp_path)
+
+
+def test_a_file_that_runs_name_is_looked_at_too(tmp_path):
+    (tmp_path / "study").mkdir()
+    arm = tmp_path / "arm.urdf"
+    arm.write_text("an arm")
+    kept = Kept(code=code(), text="all is well", files=state_of(tmp_path / "study", [str(arm)]))
+    assert kept.is_current(tmp_path / "study")
+    arm.write_text("another arm")
+    assert not kept.is_current(tmp_path / "study")

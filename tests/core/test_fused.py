@@ -55,16 +55,16 @@ def test_an_exact_kernel_takes_its_arrays_and_compiles_for_nothing_else():
     assert len(getattr(kernel, "signatures", [0])) == 1
 
 
-@njit()
-def added(x, count):
-    return x + count
+def test_a_kernel_is_compiled_once_for_a_constant_and_for_a_number(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # of one that is kept nothing is compiled
 
+    @njit()
+    def added(x, count):
+        return x + count
 
-@njit()
-def added_both(x, count):
-    return added(x, 1) + added(x, count)
+    @njit()
+    def added_both(x, count):
+        return added(x, 1) + added(x, count)
 
-
-def test_a_kernel_is_compiled_once_for_a_constant_and_for_a_number():
     assert added_both(0.5, 2) == 4.0
     assert len(getattr(added, "signatures", [0])) == 1
