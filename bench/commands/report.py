@@ -13,9 +13,10 @@ from calibench.core.words import print_plain as print
 
 def report(argv: list[str]) -> int:
     """Write the report, or print once more what the last one printed, where it was made from the same."""
-    for folder in map(Path, argv[:1]):
+    if len(argv) == 1:
+        folder = Path(argv[0])
         kept = Kept.read(folder)
-        if len(argv) == 1 and kept.is_current(folder):
+        if kept.is_current(folder):
             sys.stdout.write(kept.text)
             _print_paths(folder / name for name in kept.written)
             print("nothing has changed since these were written")

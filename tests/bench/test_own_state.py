@@ -371,7 +371,7 @@ def test_state_that_a_run_puts_beyond_reading_is_named(
                 lists,
                 "optimizer=de",
                 "budget=20",
-                "seeds=1",
+                "seeds=2",
                 f"results={tmp_path}",
             ]
         )

@@ -103,23 +103,7 @@ def _opened(path: str) -> Any:
 
 
 def _arms(work: Mapping[str, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-
-    def calibrated() -> int:
-        for name in arms3.NAMES:
-            try:
-                found[name] = _fitted(work["arms"], name)
-            except Exception as error:
-                found[name] = error
-        return 3
-
-    def of(name: str) -> Any:
-        if isinstance(found[name], Exception):
-            raise found[name]
-        return found[name]
-
-    taken = timed(calibrated)
-    return {**taken, "note": arms3.told(work["arms"], of, _fitted, _opened)}
+    return arms3.measure(work["arms"], _fitted, _opened)
 
 
 LINES: dict[str, dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]] = {

@@ -81,15 +81,7 @@ def _placed(urdf: str, x: Any, q: Any) -> Any:
 
 
 def _arms(work: Mapping[str, Any]) -> dict[str, Any]:
-    found: list[Any] = []
-
-    def calibrated() -> int:
-        found.extend(_fitted(work["arms"], name) for name in arms3.NAMES)
-        return 3
-
-    taken = timed(calibrated)
-    by_name = dict(zip(arms3.NAMES, found, strict=True))
-    return {**taken, "note": arms3.told(work["arms"], by_name.__getitem__, _fitted, None)}
+    return arms3.measure(work["arms"], _fitted, None)
 
 
 LINES = {

@@ -268,16 +268,7 @@ def _tip(folder: str, name: str) -> str:
 def _arms(work: Mapping[str, Any]) -> dict[str, Any]:
     from calibench.calibration import read_urdf
 
-    found: list[Any] = []
-
-    def calibrated() -> int:
-        found.extend(_calibrated(work["arms"], name) for name in arms3.NAMES)
-        return 3
-
-    taken = timed(calibrated)
-    by_name = dict(zip(arms3.NAMES, found, strict=True))
-    note = arms3.told(work["arms"], by_name.__getitem__, _calibrated, lambda path: read_urdf(path).chain("base", "l7"))
-    return {**taken, "note": note}
+    return arms3.measure(work["arms"], _calibrated, lambda path: read_urdf(path).chain("base", "l7"))
 
 
 def _camera(flanges: Any, boards: Any) -> Any:

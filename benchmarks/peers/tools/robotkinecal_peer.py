@@ -7,7 +7,7 @@ from typing import Any
 
 import arms3
 import numpy as np
-from answering import answer, timed
+from answering import answer
 
 
 def _fitted(folder: str, name: str) -> Any:
@@ -27,23 +27,7 @@ def _opened(path: str) -> Any:
 
 
 def _arms(work: Mapping[str, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-
-    def calibrated() -> int:
-        for name in arms3.NAMES:
-            try:
-                found[name] = _fitted(work["arms"], name)
-            except Exception as error:
-                found[name] = error
-        return 3
-
-    def of(name: str) -> Any:
-        if isinstance(found[name], Exception):
-            raise found[name]
-        return found[name]
-
-    taken = timed(calibrated)
-    return {**taken, "note": arms3.told(work["arms"], of, _fitted, _opened)}
+    return arms3.measure(work["arms"], _fitted, _opened)
 
 
 LINES = {"arms": {"robotkinecal": _arms}}
