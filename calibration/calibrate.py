@@ -22,10 +22,11 @@ from calibench.calibration.choose import choose
 from calibench.calibration.columns import PAYLOAD
 from calibench.calibration.determined import LEVELS, information_of, is_length, order_of
 from calibench.calibration.fit import Fit, HeldOut
-from calibench.calibration.frames import stepped
+from calibench.calibration.frames import TWO_TARGETS
 from calibench.calibration.kinematics import forward, nominal
 from calibench.calibration.loci import PLANE
 from calibench.calibration.model import KNOWN_TO, ArmModel, model_of
+from calibench.calibration.moved import Motion, motion_from, motion_of_wild
 from calibench.calibration.normal import normal_blocks, root_of
 from calibench.calibration.poses import foretold, ranges
 from calibench.calibration.readings import Readings, Table, joints_beside, poses_of
@@ -308,7 +309,9 @@ def calibrate_arm(
         for one in tried:
             try:
                 fits[one] = fitting.fit_arm(part, orders[one], p)
-            except ValueError as error:
+            except fitting.NotDeterminedError as error:
+                for note in _motions(error.fit, readings.where(train)):
+                    raise DataError(note.text, note) from None
                 raise DataError(f"{error}{joints_beside(readings, model.chain)}") from None
             p = fits[one].p if one != "gains" else fits["geometry"].p
     except DataError as error:
@@ -505,27 +508,30 @@ def _notes(
         text = f"{int(wild.sum())} of {len(wild)} poses are wild, and that many have a cause: a target that was "
         text += "loose, another arm position than was written down, or two tables mixed"
         yield Note(Code.MANY_WILD, text, values={"readings": int(wild.sum())})
-    yield from _step(fit, readings)
+    yield from _motions(fit, readings)
 
 
-def _step(fit: Fit, readings: Readings) -> Iterable[Note]:
-    """Yield a note where base or tracker moved so little that it was not seen before the calibration."""
-    if readings.position is None or readings.loci is not None:
-        return
-    known = np.flatnonzero(~fit.wild)
-    step = stepped(fit.model.errors(fit.p)[0][known], readings.position[known])
-    if step is None:
-        return
-    row, off, share = step
-    at = readings.label(int(known[row]))
-    text = f"from {at} on, readings lie {plain(off, 2)} mm off, as if base or tracker had moved"
+def _motions(fit: Fit, readings: Readings) -> Iterable[Note]:
+    """Yield a note where base, tracker, target or a joint moved so little that it was not seen before the fit."""
+    if motion := motion_of_wild(fit.model, fit.p, fit.kept, fit.wild):
+        first, last = (readings.label(int(motion.rows[k])) for k in (0, -1))
+        text = f"the {len(motion.rows)} wild readings, {first} to {last}, fit the arm {plain(motion.off, 2)} mm off"
+        yield Note(Code.STEP, f"{text}, {_as_if(motion)}", rows=(first, last), values={"off_mm": motion.off})
+    if motion := motion_from(fit.model, fit.p, fit.kept, fit.wild):
+        at = readings.label(int(motion.rows[0]))
+        text = f"from {at} on, readings lie {plain(motion.off, 2)} mm off, {_as_if(motion)}"
+        note = Note(Code.STEP, text, rows=(at,), values={"off_mm": motion.off, "share": motion.share})
+        if motion.share > _SPOILT:
+            raise DataError(f"{text}; that is most of what is left, and no number of the arm is sure beside it", note)
+        yield note
+
+
+def _as_if(motion: Motion) -> str:
+    if motion.what == "target":
+        return f"as if the target had been moved on its link: {TWO_TARGETS}"
+    what = "base or tracker" if motion.what == "base" else f"the zero of {motion.what}"
     cure = "calibrate what was read before and after by themselves, or let bench discover machine=arm tell it"
-    note = Note(Code.STEP, f"{text}: {cure}", rows=(at,), values={"off_mm": off, "share": share})
-    if share > _SPOILT:
-        raise DataError(
-            f"{text}, and that is most of what is left: no number of the arm is sure beside it; {cure}", note
-        )
-    yield note
+    return f"as if {what} had moved: {cure}"
 
 
 def _changes_of(arm: Arm, fit: Fit, draws: Array) -> tuple[Change, ...]:

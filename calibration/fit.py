@@ -49,8 +49,19 @@ class Fit:
         return np.where(self.wild, 0.0, 1.0)
 
 
+class NotDeterminedError(ValueError):
+    """Not one number of the arm is determined by its `fit`."""
+
+    def __init__(self, text: str, fit: Fit) -> None:
+        super().__init__(text)
+        self.fit = fit
+
+
 def fit_arm(model: ArmModel, order: Sequence[int], start: Array | None = None) -> Fit:
-    """Return the fit of the parameters in `order` that are determined; wild readings are left out and named."""
+    """Return the fit of the parameters in `order` that are determined; wild readings are left out and named.
+
+    Raises `NotDeterminedError` where that is none.
+    """
     begin = model.start if start is None else start
     p, wild = begin, np.zeros(len(model.joints), dtype=bool)
     kept = select_determined(model, p, order, np.ones(len(wild)))
@@ -93,9 +104,10 @@ def fit_arm(model: ArmModel, order: Sequence[int], start: Array | None = None) -
     bounds = np.array([WORST if is_length(model.names[kept[k]]) else 1e-3 * WORST for k in frames])
     if (np.sqrt(np.diag(fit.covariance)[frames]) > bounds).all():  # not one number
         rest = float(np.median(norms(model.errors(fit.p, weights))))
-        raise ValueError(
-            f"nothing of the arm is determined: {plain(rest, 3)} mm are left of the middle reading; do the joints "
-            "and the reading of a row belong together, and did the tracker stand still?"
+        raise NotDeterminedError(
+            f"nothing of the arm is determined: {plain(rest, 3)} mm are left of the middle reading; do the joints and "
+            "the reading of a row belong together, and did tracker and target stay where they were?",
+            fit,
         )
     return fit
 

@@ -14,6 +14,7 @@ import numpy as np
 from calibench.calibration.rigid import Array, Index, Numbers
 from calibench.core.words import plain
 
+TWO_TARGETS = "a column target tells which rows read which, 1 or 2"
 LEAST = 5  # poses: 15 equations for 15 numbers
 _HANDFUL, _HANDFULS = 8, 300
 _WORST = 1e10  # condition of normal equations that are solved as they are
@@ -176,8 +177,6 @@ def _solved(rows: Array, wanted: Array) -> Array:
 _MANY = 0.05  # of the poses: so many are no wild readings
 _AGREE = 0.7  # of them have a say in frames of their own
 _AS_NEAR = 4.0  # times what the others leave
-_EDGE = 8  # poses before and after a step, at the least
-_PLAIN = 0.5  # of what a calibration leaves, in squares: a step that explains as much is told
 _ELSEWHERE = 10.0  # times what the others leave: base and target lie further apart than frames are found to
 
 
@@ -194,35 +193,8 @@ def moved(poses: Array, read: Array, frames: Frames) -> tuple[Array, str]:
     base = float(np.linalg.norm(frames.base[:3, 3] - other.base[:3, 3]))
     turn = float(np.linalg.norm(frames.base[:3, :3] - other.base[:3, :3])) * other.reach
     if max(base, turn) > _ELSEWHERE * size:
-        return far, f"the tracker, or the base, stands {plain(base, 3)} mm elsewhere"
+        return far, f"the tracker, or the base, stands {plain(base, 3)} mm elsewhere; use what was read from one stand"
     tool = float(np.linalg.norm(frames.tool[:3, 3] - other.tool[:3, 3]))
-    return (far, f"the target sits {plain(tool, 3)} mm elsewhere on the tool") if tool > _ELSEWHERE * size else none
-
-
-def stepped(rest: Array, seen: Array) -> tuple[int, float, float] | None:
-    """Return the row from which on base or tracker lies elsewhere, by how much its poses do (rms) [mm], and the share.
-
-    The last is that of the squares of `rest` (n, 3) [mm], what a calibration leaves of the places `seen` (n, 3), which
-    the step explains. A motion of a body before each row and another one after it are tried; None below `_PLAIN`.
-    """
-    n = len(rest)
-    if n < 2 * _EDGE + 1:
-        return None
-    about = (seen - seen.mean(axis=0)) / max(float(np.ptp(seen)), 1e-9)
-    rows = np.zeros((n, 3, 6))
-    rows[:, range(3), range(3)] = 1.0
-    for k, axis in enumerate(np.eye(3)):
-        rows[:, :, 3 + k] = np.cross(axis, about)
-    square = np.cumsum(rows.swapaxes(1, 2) @ rows, axis=0)
-    pull = np.cumsum(np.einsum("nci,nc->ni", rows, rest), axis=0)
-    ends = np.arange(_EDGE, n - _EDGE)
-    first, then = pull[ends - 1, :, None], pull[-1] - pull[ends - 1]
-    before = np.linalg.pinv(square[ends - 1], hermitian=True) @ first
-    after = np.linalg.pinv(square[-1] - square[ends - 1], hermitian=True) @ then[..., None]
-    shares = (before * first).sum(axis=(1, 2)) + (after[..., 0] * then).sum(axis=1)
-    best = int(np.argmax(shares))
-    share = float(shares[best] / (rest**2).sum())
-    if not share > _PLAIN:
-        return None
-    off = rows @ (after[best] - before[best])
-    return int(ends[best]), float(np.sqrt((off**2).sum(axis=1).mean())), share
+    if tool > _ELSEWHERE * size:
+        return far, f"the target sits {plain(tool, 3)} mm elsewhere on its link; {TWO_TARGETS}"
+    return none

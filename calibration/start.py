@@ -118,7 +118,7 @@ def _start(readings: Readings, chain: Chain, rotation: str, limits: bool) -> Sta
         there = np.flatnonzero(far)
         text = (
             f"{len(there)} of {len(far)} poses, {readings.label(int(there[0]))} to {readings.label(int(there[-1]))}, "
-            f"fit the arm by themselves only: {what}; use what was read from one stand"
+            f"fit the arm by themselves only: {what}"
         )
         raise DataError(text, Note(Code.TWO_STANDS, text, rows=tuple(readings.label(int(i)) for i in there)))
     if readings.observed != "pose":

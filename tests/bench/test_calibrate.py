@@ -474,8 +474,8 @@ def test_a_base_that_moved_a_little_is_told_with_its_row(here, calibrate):
     seen[36:] += (1 - STEP) * step
     (here / "my.csv").write_text(table(q, seen))
     told = calibrate("data=my.csv", code=2)  # a URDF would hold a part of the step
-    assert "from row 37 on, readings lie 0.5" in told
-    assert "and that is most of what is left" in told
+    assert "from row 37 on, readings lie 0.6" in told
+    assert "that is most of what is left" in told
 
 
 def test_readings_of_other_poses_are_no_second_stand(here, calibrate):

@@ -5,7 +5,7 @@ import pytest
 
 from calibench.calibration import read_urdf
 from calibench.calibration.fit import fit_arm, resample
-from calibench.calibration.frames import frames_of_positions, stepped
+from calibench.calibration.frames import frames_of_positions
 from calibench.calibration.kinematics import forward, nominal, parameter_names
 from calibench.calibration.model import ArmModel
 from calibench.calibration.normal import covariance_of, normal_blocks, root_of, solve
@@ -105,14 +105,3 @@ def test_frames_are_found_of_as_many_poses_as_were_logged():
     found = frames_of_positions(poses, read, 1.0)
     assert found.base[:3, :3] == pytest.approx(turn, abs=1e-9)
     assert found.tool[:3, 3] == pytest.approx([10, 50, 80], abs=1e-6)
-
-
-def test_the_row_from_which_the_tracker_moved_is_found_among_thousands():
-    rng = np.random.default_rng(4)
-    seen, rest = rng.uniform(-900, 900, (4000, 3)), rng.normal(0, 0.05, (4000, 3))
-    assert stepped(rest, seen) is None
-    rest[1234:] += [0.4, -0.3, 0.1]
-    row, off, share = stepped(rest, seen)
-    assert row == 1234
-    assert off == pytest.approx(0.51, abs=0.02)
-    assert 0.5 < share < 1
