@@ -23,6 +23,7 @@ _ROUNDS, _SAME = 8, 0.02  # until the noise that is left changes by less
 _WILD = 6.0  # times the median error: a reading beyond is wild; noise alone has one in 10^9 poses
 _FLOOR, _NONE = 1e-9, 1e-12
 _KNOWN = 30.0
+_SPARE = 1.5  # times the numbers of a fit: so many readings tell which of them are wild
 _MOST, _MOST_IN_SOCKETS = 0.35, 0.2  # part of the readings that may be wild; more than that is no accident
 
 
@@ -48,20 +49,23 @@ class Fit:
         """Return 1 for the readings that had an influence, 0 for the wild, (n,)."""
         return np.where(self.wild, 0.0, 1.0)
 
-
-class NotDeterminedError(ValueError):
-    """Not one number of the arm is determined by its `fit`."""
-
-    def __init__(self, text: str, fit: Fit) -> None:
-        super().__init__(text)
-        self.fit = fit
+    @property
+    def undetermined(self) -> str:
+        """Return why not one number of the arm is determined, "" where some are."""
+        names = [self.model.names[place] for place in self.kept]
+        bounds = np.array([WORST if is_length(name) else 1e-3 * WORST for name in names])
+        frames = np.array([name.startswith(("base_", "tool_")) for name in names])
+        if not (np.sqrt(np.diag(self.covariance)) > bounds)[frames].all():
+            return ""
+        rest = float(np.median(norms(self.model.errors(self.p, self.weights))))
+        return (
+            f"nothing of the arm is determined: {plain(rest, 3)} mm are left of the middle reading; do the joints and "
+            "the reading of a row belong together, and did tracker and target stay where they were?"
+        )
 
 
 def fit_arm(model: ArmModel, order: Sequence[int], start: Array | None = None) -> Fit:
-    """Return the fit of the parameters in `order` that are determined; wild readings are left out and named.
-
-    Raises `NotDeterminedError` where that is none.
-    """
+    """Return the fit of the parameters in `order` that are determined; wild readings are left out and named."""
     begin = model.start if start is None else start
     p, wild = begin, np.zeros(len(model.joints), dtype=bool)
     kept = select_determined(model, p, order, np.ones(len(wild)))
@@ -85,7 +89,8 @@ def fit_arm(model: ArmModel, order: Sequence[int], start: Array | None = None) -
                 noise[there] = max(float(np.median(size[there & ~wild])) / usual, _FLOOR)
             far = np.asarray(size > _WILD * 1.538 * np.maximum(noise, 1e3 * _FLOOR))
             model, sigma[0] = replace(model, scatter=noise / noise[0]), float(noise[0])
-        if far.mean() <= (_MOST_IN_SOCKETS if model.position is None else _MOST):  # else they cannot be exceptions
+        few = far.mean() <= (_MOST_IN_SOCKETS if model.position is None else _MOST)  # else they are no exceptions
+        if few and model.counted[~far].sum() >= _SPARE * len(kept):  # nor where any reading can be fitted
             wild = far
         settled = np.allclose(sigma, model.sigma, rtol=_SAME, atol=0.0)
         model = replace(model, sigma=(sigma[0], sigma[1]))
@@ -98,18 +103,7 @@ def fit_arm(model: ArmModel, order: Sequence[int], start: Array | None = None) -
         if turn and np.array_equal(wild, before) and settled:
             break  # the noise decides what is wild, and what is wild decides the noise
 
-    weights = np.where(wild, 0.0, 1.0)
-    fit = refit(Fit(model, begin, kept, wild, np.zeros((0, 0))), p)
-    frames = [k for k, place in enumerate(kept) if model.names[place].startswith(("base_", "tool_"))]
-    bounds = np.array([WORST if is_length(model.names[kept[k]]) else 1e-3 * WORST for k in frames])
-    if (np.sqrt(np.diag(fit.covariance)[frames]) > bounds).all():  # not one number
-        rest = float(np.median(norms(model.errors(fit.p, weights))))
-        raise NotDeterminedError(
-            f"nothing of the arm is determined: {plain(rest, 3)} mm are left of the middle reading; do the joints and "
-            "the reading of a row belong together, and did tracker and target stay where they were?",
-            fit,
-        )
-    return fit
+    return refit(Fit(model, begin, kept, wild, np.zeros((0, 0))), p)
 
 
 def refit(fit: Fit, p: Array | None = None) -> Fit:

@@ -259,6 +259,8 @@ def design_poses(
             )
         model = model_of(chain, start.readings, start.base, start.tool, table=table)
         fit, notes = fit_arm(model, order_of(model.names, "geometry", model.sliding)), start.readings.notes
+        if fit.undetermined:
+            raise DataError(fit.undetermined)
     shown = _USUAL if fit is None else fit.model.sigma
     noise = (shown[0] if sigma is None else sigma, shown[1] if sigma_rotation is None else sigma_rotation)
     limits = limits or ("urdf" if fit is None else "data")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.arms import honest
+from calibench import calibrate
 from calibench.calibration.choose import FOLDS, TOLERANCES, _candidates, _variance, choose
 from calibench.calibration.determined import information_of, order_of
 from calibench.calibration.fit import fit_arm, folds_of, refit, rms_interval
@@ -166,3 +167,18 @@ def test_the_fixed_tenth_holds_its_bars(tmp_path: Path) -> None:
     assert (ratio <= 1.25).mean() >= 0.95
     assert ratio.max() <= 2.0
     assert 0.93 <= np.mean(covered) <= 0.97
+
+
+@pytest.mark.parametrize("n", [10, 11, 12, 14])
+def test_a_dozen_poses_are_calibrated_and_the_error_told_is_no_smaller_than_the_true_one(n, tmp_path: Path) -> None:
+    (tmp_path / "my.urdf").write_text(urdf())
+    far = {f"{kind}_{name}": 8e-3 if kind == "zero" else 1.0 for name in NAMES for kind in ("x", "y", "z", "zero")}
+    fresh = measured(100, noise=0.0, seed=99, truth=far)
+    for seed in range(4):
+        q, seen, _ = measured(n, noise=0.05, seed=seed, truth=far)
+        columns = dict(zip(NAMES, q.T, strict=True)) | dict(zip("xyz", seen.T, strict=True))
+        answer = calibrate(tmp_path / "my.urdf", columns, units=dict.fromkeys("xyz", "mm"))
+        model = replace(answer.fit.model, joints=fresh[0], position=fresh[1])
+        true = np.sqrt((model.errors(answer.fit.p)[0] ** 2).sum(axis=1).mean())
+        assert true < 1.0
+        assert answer.error_after > 0.5 * true
