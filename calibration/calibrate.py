@@ -47,7 +47,6 @@ Level = Literal["auto", "frames", "zeros", "geometry", "gains", "elastic"]
 _FRAMES = ("base_", "tool_")
 WRITTEN = ("frames", "zeros", "geometry")
 _SPOILT = 0.75  # of the squares of what is left: a step that makes more leaves less than half of it
-_GROSS = 0.02  # of the reach: an error of base and target alone that no arm has, whatever its other numbers mend
 _FAR = 3.0  # times the error that is foretold among the poses that were read: beyond, a note says so
 _NARROW = 0.25  # of the way between a joint's limits
 _MANY = 0.1  # of the poses: more wild ones are no mishaps
@@ -310,8 +309,9 @@ def calibrate_arm(
         for one in tried:
             fits[one] = fitting.fit_arm(part, orders[one], p)
             p = fits[one].p if one != "gains" else fits["geometry"].p
-        gross = model.position is None or _left(fits["frames"]) > _GROSS * _reach(part)
-        why = fits["frames"].undetermined if gross else fits["geometry"].undetermined
+        why = fits["geometry"].undetermined
+        if not why and fits["frames"].undetermined and arm.mistake(table, how):  # which other numbers would take up
+            why = fits["frames"].undetermined
         if why:
             for note in _motions(fits["geometry"], readings.where(train)):
                 raise DataError(note.text, note)
@@ -427,21 +427,13 @@ def _without_gains(fit: Fit, model: ArmModel, errors: HeldOut, wild: Mask) -> fl
     return fitting.rms(fitting.norms(model.errors(p))[np.isfinite(errors.position) & ~wild])
 
 
-def _left(fit: Fit) -> float:
-    return fitting.rms(fitting.norms(fit.model.errors(fit.p)))
-
-
-def _reach(model: ArmModel) -> float:
-    """Return how far the arm moves its tip, rms [mm]."""
-    places = forward(model.chain, nominal(model.chain), model.joints)[:, :3, 3]
-    return fitting.rms(np.linalg.norm(places - places.mean(axis=0), axis=1))
-
-
 def _far_off(error: float, model: ArmModel, readings: Readings) -> Iterable[Note]:
     """Yield a note where so much is left that the description cannot be that of the arm."""
     if model.position is None:
         return
-    if error >= DOUBTFUL * (reach := _reach(model)):
+    places = forward(model.chain, nominal(model.chain), model.joints)[:, :3, 3]
+    reach = fitting.rms(np.linalg.norm(places - places.mean(axis=0), axis=1))
+    if error >= DOUBTFUL * reach:
         yield Note(
             Code.FAR_OFF,
             f"{plain(error, 3)} mm are left, and the arm moves its tip by {reach:.0f} mm: so much is no matter of "
