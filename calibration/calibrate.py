@@ -406,7 +406,7 @@ def _error(level: str, errors: HeldOut, known: Mask, poses: Index, distance: flo
     there = position[np.isfinite(position)]
     return Error(
         level=level, rms=fitting.rms(position),
-        ci95=fitting.rms_interval(position, poses, errors.alone, errors.shared, numbers),
+        ci95=fitting.rms_interval(position, poses, errors.alone, errors.shared, errors.ahead, numbers),
         median=float(np.median(there)), largest=float(there.max()),
         rotation=nan if errors.rotation is None else fitting.rms(np.where(known, errors.rotation, np.nan)),
         spans=fitting.rms(errors.spans - distance) if len(errors.spans) and distance else nan,

@@ -62,8 +62,9 @@ def choose(fits: Mapping[str, Fit], levels: Sequence[str], common: Fit) -> Choic
     for one, some in of_level.items():  # the errors of each fold by the candidate that the others choose
         others = allowed if one == level else some
         without = [_best(others, f).without[f] for f in range(int(fold.max()) + 1)]
-        alone, shared = _variance(written[one], fold)
-        unseen[one] = replace(judge(written[one].model, fold, without), alone=alone, shared=shared)
+        alone, shared, ahead = _moments(written[one], fold)
+        judged = judge(written[one].model, fold, without)
+        unseen[one] = replace(judged, alone=alone, shared=shared, ahead=ahead)
     return Choice(level, written, unseen, int(fold.max()) + 1)
 
 
@@ -82,13 +83,16 @@ def _best(candidates: Sequence[_Candidate], without: int | None) -> _Candidate:
     return candidates[best]
 
 
-def _variance(fit: Fit, fold: Index) -> tuple[float, float]:
-    """Return the variance of the mean square left out, over 2 / count: as each differs, and as fits share poses.
+def _moments(fit: Fit, fold: Index) -> tuple[float, float, float]:
+    """Return the variance of the mean square left out, over 2 / count: as each differs, and as fits share poses;
+
+    and the mean square that the fit to all has at other poses, over it.
 
     Of noise with covariance 1 a fold f has errors with I + J_f C_f J_f', two folds with J_f C_f P C_g J_g', where P is
     the information of all poses and of the maker, and C_f the inverse of it without f. Squares of these covariances are
     summed where P is 1. To first order the second is J_f C J_g' of a fit to the other folds: so it is the variance of
-    the fit's own mean square at other poses, too.
+    the fit's own mean square at other poses, too. Another pose would have the errors of a fold that is left out beside
+    these K: of what is known of a direction K + 1 folds have each K / (K + 1) of the share that they have of K.
     """
     sums = normal_blocks(fit.model, fit.p, fit.kept, fit.weights, fold)
     whole = sums.sum()
@@ -100,9 +104,11 @@ def _variance(fit: Fit, fold: Index) -> tuple[float, float]:
     left = values / (1.0 - values)
     pairs = vectors * (left / (1.0 - values))[:, None] @ vectors.swapaxes(1, 2)
     mean = 1.0 + left.sum() / count
+    folds = len(sums.gram)
+    other = 1.0 + (values / (1.0 + 1.0 / folds - values)).sum() / count
     alone = 1.0 + (2 * left + left**2).sum() / count
     shared = ((pairs.sum(axis=0) ** 2).sum() - (pairs**2).sum()) / count
-    return float(alone / mean**2), float(shared / mean**2)
+    return float(alone / mean**2), float(shared / mean**2), float(other / mean)
 
 
 def _candidates(level: str, fit: Fit, common: Fit, fold: Index) -> list[_Candidate]:

@@ -166,7 +166,8 @@ class HeldOut:
     """Errors of poses not fitted, `position` [mm] and `rotation` [rad], NaN for others; `spans` [mm] of two sockets.
 
     `alone` and `shared` make the variance of their mean square, in units of that of noise: as each error differs from
-    others, and as their fits have readings in common.
+    others, and as their fits have readings in common; `ahead` is the mean square at other poses of the fit to all,
+    which has more readings than theirs, over it.
     """
 
     position: Array
@@ -174,6 +175,7 @@ class HeldOut:
     spans: Array
     alone: float = 1.0
     shared: float = 0.0
+    ahead: float = 1.0
 
 
 def folds_of(model: ArmModel, most: int) -> Index:
@@ -271,7 +273,7 @@ def rms(errors: Array) -> float:
 
 
 def rms_interval(
-    errors: Array, poses: Index, alone: float = 1.0, shared: float = 0.0, numbers: float = 3.0
+    errors: Array, poses: Index, alone: float = 1.0, shared: float = 0.0, ahead: float = 1.0, numbers: float = 3.0
 ) -> tuple[float, float]:
     """Return the 95 % interval of the rms at other poses, by errors (n,) of poses not fitted, which `poses` numbers.
 
@@ -290,5 +292,5 @@ def rms_interval(
         return 0.0, 0.0
     own = max(float(means.var(ddof=1)) / len(means) / mean**2, 2 * alone / (numbers * len(means)))
     common = own * shared / alone
-    low, high = np.sqrt(mean * fdtri(2 / max(common, _NONE), 2 / (own + common), [0.025, 0.975]))
+    low, high = np.sqrt(ahead * mean * fdtri(2 / max(common, _NONE), 2 / (own + common), [0.025, 0.975]))
     return float(low), float(high)

@@ -19,7 +19,7 @@ from scipy.stats import norm, t
 from calibench.calibration import hand_eye_start as begin
 from calibench.calibration.closed_forms import ClosedForm, closed_forms
 from calibench.calibration.fit import FOLDS, rms
-from calibench.calibration.hand_eye_fit import Adjustment, Sight, adjust, again, stands_of
+from calibench.calibration.hand_eye_fit import Adjustment, Sight, adjust, again, errors_of, stands_of
 from calibench.calibration.readings import Table, poses_of
 from calibench.calibration.rigid import Array, Mask, inverse, rpy_of
 from calibench.core.notes import Code, DataError, Note, once
@@ -169,20 +169,12 @@ def slopes_of(adjustment: Adjustment) -> Array:
 
 def spread(adjustment: Adjustment, slopes: Array) -> tuple[Array, Array]:
     """Return standard errors of the numbers with `slopes` (m, k), and half widths of their 95 % intervals."""
-    k = slopes.shape[1]
-    se = np.sqrt(np.einsum("mi,pij,mj->m", slopes, adjustment.parts[:, :k, :k], slopes))
-    effective = _freedom(adjustment, slopes)
-    width = np.where(np.isfinite(effective), t.ppf(0.975, np.minimum(effective, 1e9)), norm.ppf(0.975))
-    return se, width * se
+    se, freedom = errors_of(adjustment, slopes)
+    return se, se * _student(0.975, freedom)
 
 
-def _freedom(adjustment: Adjustment, slopes: Array) -> Array:
-    """Return the degrees of freedom of the errors of numbers with `slopes` (m, k), (m,) (Satterthwaite)."""
-    k = slopes.shape[1]
-    parts = np.einsum("mi,pij,mj->pm", slopes, adjustment.parts[:, :k, :k], slopes)
-    variance, squares = parts.sum(axis=0), (parts**2 / adjustment.freedom[:, None]).sum(axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(squares > 0, variance**2 / squares, np.inf)
+def _student(chance: float, freedom: Array) -> Array:
+    return np.where(np.isfinite(freedom), t.ppf(chance, np.minimum(freedom, 1e9)), norm.ppf(chance))
 
 
 _CHANCE = 1e-3  # of noise alone to be told as a scale
@@ -208,12 +200,11 @@ def scale_of(adjustment: Adjustment, stated: tuple[float, float] = (0.0, 0.0)) -
         one = adjust(one.sight, one.mount, one.tool, stated, near=~one.wild, free=free, offset=one.offset)
     slope = np.zeros((1, 12 + len(one.free)))
     slope[0, 12 + one.free.index("scale")] = 1.0
-    freedom = _freedom(one, slope)[0]
+    se, freedom = (float(value[0]) for value in errors_of(one, slope))
     if freedom < _SPARE:
         return None
-    se = max(float(spread(one, slope)[0][0]), 1e-9)
-    limit = t.ppf(1 - _CHANCE / 2, freedom) if np.isfinite(freedom) else norm.ppf(1 - _CHANCE / 2)
-    return Scale(one.scale, se, bool(abs(one.scale - 1) > limit * se))
+    limit = max(se, 1e-9) * float(_student(1 - _CHANCE / 2, np.array(freedom)))
+    return Scale(one.scale, max(se, 1e-9), bool(abs(one.scale - 1) > limit))
 
 
 LEAST = 3  # poses: two motions about different axes

@@ -22,6 +22,8 @@ from calibench.calibration.rigid import Array, Index, Mask, inverse, rotation_of
 _FLOOR = 1e-9  # mm or rad: the noise of readings without any
 _WILD = 6.0  # times the median residual: a pair beyond has no say
 _ROUNDS, _SETTLED, _SETTLED_TO = 30, 1e-4, 1e-11
+_TINY = 1e-6  # of what is left of a pair: a direction that it alone tells
+_NOTHING = 1e-300
 _LEAST = 1.0  # degree of freedom: with fewer nothing tells a noise
 _CHANCE = 1e-3  # of noise alone to look like directions that differ, or like neighbours that agree
 _ROWS = 10  # pairs: with fewer neither is tested
@@ -126,14 +128,13 @@ def adjust(
 
     `stated` is the noise of a place [mm] and a rotation [rad], 0 to learn it.
     """
-    n = len(sight.seen)
+    n, known = len(sight.seen), np.array(stated)
     position, turned = _errors(sight, mount, tool, offset, 1.0)
     begin = Adjustment(
         sight=sight, mount=mount, tool=tool, offset=offset, scale=1.0, free=free, parts=np.zeros((2, 12, 12)),
-        noise=np.array([1.0, 1e-3]), freedom=np.full(2, np.inf), groups=_WHOLE,
+        noise=np.where(known > 0, known, [1.0, 1e-3]), freedom=np.full(2, np.inf), groups=_WHOLE,
         wild=np.zeros(n, dtype=bool) if near is None else ~near, position=position, turned=turned,
     )  # fmt: skip
-    known = np.array(stated)
     found = _settle(begin, known)
 
     # the axes of noise are apart where what is left of them differs more than noise would
@@ -164,9 +165,51 @@ def adjust(
             r = float((one[1:] * one[:-1]).sum() / max(float((one**2).sum()), _FLOOR))
             if found.noise[g] > 1e3 * _FLOOR and r * np.sqrt(one.size) > norm.ppf(1 - _CHANCE):
                 alike[g] = min(r, 0.98)
-    fewer = (1 + alike) / (1 - alike)
+    fewer = _fewer(alike)
     freedom = np.maximum(found.freedom / fewer, _LEAST)
     return replace(found, parts=found.parts * fewer[:, None, None], freedom=freedom, alike=alike)
+
+
+def errors_of(found: Adjustment, slopes: Array) -> tuple[Array, Array]:
+    """Return standard errors (m,) of numbers with `slopes` (m, k), and their degrees of freedom (m,).
+
+    Where a noise is stated it is that of its axes; of learned ones Satterthwaite's freedom. Else what is left of pairs
+    tells both, see `_by_pairs`.
+    """
+    if np.isfinite(found.freedom).all():
+        variance, freedom = _by_pairs(found, slopes)
+    else:
+        k = slopes.shape[1]
+        parts = np.einsum("mi,pij,mj->pm", slopes, found.parts[:, :k, :k], slopes)
+        variance, squares = parts.sum(axis=0), (parts**2 / found.freedom[:, None]).sum(axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            freedom = np.where(squares > 0, variance**2 / squares, np.inf)
+    return np.sqrt(variance), freedom
+
+
+def _by_pairs(found: Adjustment, slopes: Array) -> tuple[Array, Array]:
+    """Return variances (m,) of numbers with `slopes` (m, k) by what is left of each pair, and degrees of freedom (m,).
+
+    The six residuals of a pair may have any covariance, as an error of the robot's turn gives them: pairs are clusters
+    (Liang and Zeger 1986). What is left of one is made as large as before the fit took its share (CR2), and the freedom
+    is that of noise of one size (Bell and McCaffrey 2002). Where pairs follow their neighbours they count as fewer.
+    """
+    rows, inverted = _rows_of(found)
+    values, vectors = np.linalg.eigh(np.eye(6) - rows @ inverted @ rows.swapaxes(1, 2))
+    root = vectors * np.maximum(values, _TINY)[:, None] ** -0.5 @ vectors.swapaxes(1, 2)
+    pulls = np.einsum("nij,njk,mk->mni", root, rows, slopes @ inverted[: slopes.shape[1]], optimize=True)
+    moved = (pulls * _slopes(found)[1]).sum(axis=2)
+    own, shared = (pulls**2).sum(axis=2), np.einsum("nik,mni->mnk", rows, pulls)
+    theirs = ((shared @ inverted) * shared).sum(axis=2)
+    common = shared.swapaxes(1, 2) @ shared @ inverted
+    squares = (own**2 - 2 * own * theirs).sum(axis=1) + (common * common.swapaxes(1, 2)).sum(axis=(1, 2))
+    freedom = (own - theirs).sum(axis=1) ** 2 / np.maximum(squares, _NOTHING)
+    fewer = float(_fewer(found.alike).max())
+    return (moved**2).sum(axis=1) * fewer, np.maximum(freedom / fewer, _LEAST)
+
+
+def _fewer(alike: Array) -> Array:
+    return np.asarray((1 + alike) / (1 - alike))
 
 
 def again(found: Adjustment, keep: Mask) -> Adjustment:

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.arms import honest
 from calibench import calibrate
-from calibench.calibration.choose import FOLDS, TOLERANCES, _candidates, _variance, choose
+from calibench.calibration.choose import FOLDS, TOLERANCES, _candidates, _moments, choose
 from calibench.calibration.determined import information_of, order_of
 from calibench.calibration.fit import fit_arm, folds_of, refit, rms_interval
 from calibench.calibration.model import model_of
@@ -31,6 +31,13 @@ def test_the_written_arm_is_as_near_as_its_readings_allow_and_the_page_says_how_
     found = honest.measure(case, tmp_path)
     assert found["ours"] < 1.25 * found["theirs"]
     assert found["low"] < np.sqrt(found["ours"] ** 2 + 3 * honest.NOISE**2) < found["high"]
+
+
+def test_an_arm_far_off_its_nominal_one_is_calibrated_by_few_poses(tmp_path: Path) -> None:
+    chain, _, q, _, seen = honest.readings_of((15, 4407, 24, "wide", 1.5))
+    answer = honest.calibrated(chain, q, seen, tmp_path)
+    assert answer.after.rms < 0.1
+    assert answer.before.rms > 20
 
 
 @pytest.fixture
@@ -131,7 +138,7 @@ def test_the_variance_of_what_is_left_out_is_that_of_the_whole_covariance(fits) 
     square, same = (left @ left.T) ** 2, np.repeat(fold, 3)[:, None] == np.repeat(fold, 3)
     mean = (left**2).sum() / 90
     expected = square[same].sum() / 90 / mean**2, square[~same].sum() / 90 / mean**2
-    np.testing.assert_allclose(_variance(fit, fold), expected, rtol=1e-5)
+    np.testing.assert_allclose(_moments(fit, fold)[:2], expected, rtol=1e-5)
 
 
 def test_the_interval_of_few_poses_covers_the_error_at_others(fits) -> None:
@@ -140,12 +147,25 @@ def test_the_interval_of_few_poses_covers_the_error_at_others(fits) -> None:
         fit = refit(fits(24, seed=seed)["geometry"])
         left, own = _left_out(fit, fold := folds_of(fit.model, FOLDS))
         elsewhere = replace(fit.model, joints=rng.uniform(-2.4, 2.4, (300, 6)))
-        others, variance = elsewhere.slopes(fit.p, fit.kept)[:, :3] / fit.model.sigma[0], _variance(fit, fold)
+        others, moments = elsewhere.slopes(fit.p, fit.kept)[:, :3] / fit.model.sigma[0], _moments(fit, fold)
         for noise in rng.normal(size=(150, left.shape[2])):
-            told = rms_interval(np.linalg.norm(left @ noise, axis=1), np.arange(24), *variance)
+            told = rms_interval(np.linalg.norm(left @ noise, axis=1), np.arange(24), *moments)
             true = np.sqrt(3 + ((others @ (own @ noise)) ** 2).sum(axis=1).mean())
             covered.append(told[0] <= true <= told[1])
     assert 0.93 <= np.mean(covered) <= 0.97
+
+
+def test_other_poses_have_less_than_those_of_a_fold_whose_fit_has_fewer(fits) -> None:
+    rng, true, told = np.random.default_rng(24), [], []
+    for seed in range(10):
+        fit = refit(fits(24, seed=seed)["geometry"])
+        left, own = _left_out(fit, fold := folds_of(fit.model, FOLDS))
+        elsewhere = replace(fit.model, joints=rng.uniform(-2.4, 2.4, (300, 6)))
+        others = elsewhere.slopes(fit.p, fit.kept)[:, :3] / fit.model.sigma[0]
+        true.append((3 + ((others @ own) ** 2).sum() / 300) / ((left**2).sum() / 24))
+        told.append(_moments(fit, fold)[2])
+    assert np.mean(told) == pytest.approx(np.mean(true), abs=0.02)
+    assert np.mean(told) < 0.975
 
 
 @pytest.mark.parametrize("n", [12, 60])
