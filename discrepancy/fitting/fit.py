@@ -7,12 +7,12 @@ remaining noise does not correlate with the residual. `docs/discovery-statistics
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from hashlib import blake2b
-from typing import Any, final
+from typing import Any, TypeVar, cast, final
 
 import numpy as np
 from scipy.linalg import cho_solve, lstsq, qr
@@ -37,6 +37,7 @@ _WIDTH = 50.0  # standard deviations to either side of the fit that the box of a
 _SUMMED = 500  # rows from which on steps are by sums
 _ALIKE = 1e-4  # part of a column that those before it leave at least, for steps by sums
 _CALM = 1e-5  # damping below which a step is one of Gauss and Newton
+_KEPT = 20_000  # numbers of a Jacobian up to which a fit is kept with its arrays
 
 
 @final
@@ -418,28 +419,44 @@ def predicted(model: Model, x: Array, data: MeasuredData, noise: Noise) -> Array
 class _End:
     """Where a fit ended: x (p,) and adjusted readings (n, k), the scale of the noise, and whether it converged.
 
-    `alive` are the objects whose ids are in the key; the reference keeps them alive.
+    `found` is the fit itself where it has few numbers. `alive` are the objects whose ids are in the key; the reference
+    keeps them alive.
     """
 
     x: Array
     adjusted: Array
     scale: float
     converged: bool
+    found: Fit | None
     alive: tuple[Any, ...]
 
 
-ENDS: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("ends", default=None)  # None outside `keeping_fits`
+_ENDS: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("ends", default=None)  # None outside `keeping_fits`
 _ANY_SCALE: ContextVar[bool] = ContextVar("any scale", default=False)
 
 
 @contextmanager
 def keeping_fits() -> Iterator[None]:
-    """Inside the block, remember where the fits of `fit_once` end."""
-    before = ENDS.set({})
+    """Inside the block, remember where the fits of `fit_once` end, and what `once` makes."""
+    before = _ENDS.set({})
     try:
         yield
     finally:
-        ENDS.reset(before)
+        _ENDS.reset(before)
+
+
+_T = TypeVar("_T")
+
+
+def once(make: Callable[[], _T], of: Sequence[object], *also: object) -> _T:
+    """Return what `make` returns; inside `keeping_fits` it is made once for the same objects `of` and values `also`."""
+    made = _ENDS.get()
+    if made is None:
+        return make()
+    key = (*map(id, of), *also)
+    if key not in made:
+        made[key] = make(), of  # kept alive, as ids are those of live objects
+    return cast(_T, made[key][0])
 
 
 @contextmanager
@@ -462,11 +479,11 @@ def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, abo
     """Return what `fit` returns; a fit that was made before from this start is not made again.
 
     With Gaussian noise the scale changes neither the minimum nor the steps towards it, only the tolerance. So where a
-    fit ended is kept, without its arrays: one further step from there shows whether the fit at another scale would have
-    ended there too. A fit that did not converge near its start under a wider noise does not do so under a narrower one.
-    Where only names are asked for (`at_any_scale`), no further step is.
+    fit ended is kept, without large arrays: one further step from there shows whether the fit at another scale would
+    have ended there too. A fit that did not converge near its start under a wider noise does not do so under a narrower
+    one. Where only names are asked for (`at_any_scale`), no further step is.
     """
-    ends = ENDS.get()
+    ends = _ENDS.get()
     if ends is None or np.isfinite(noise.t_degrees):
         return fit(model, noise, start, near=near, about=about)
     digest = blake2b(digest_size=16)
@@ -479,11 +496,13 @@ def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, abo
     end = ends.get(key)
     same = end is not None and (_ANY_SCALE.get() or end.scale == noise.scale)
     if end is not None and (end.converged or same or (near and end.scale > noise.scale)):
-        found = fit_at(model, noise, end.x, end.adjusted, end.converged)
+        kept = end.found
+        found = replace(kept, noise=noise) if kept else fit_at(model, noise, end.x, end.adjusted, end.converged)
         if not end.converged or same or rests(found):
             return found
     found = fit(model, noise, start, near=near, about=about)
-    ends[key] = _End(found.x, readings_of(found.at.model), noise.scale, found.converged, alive)
+    kept = found if found.J.size <= _KEPT else None
+    ends[key] = _End(found.x, readings_of(found.at.model), noise.scale, found.converged, kept, alive)
     return found
 
 

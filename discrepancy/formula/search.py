@@ -126,6 +126,16 @@ def _of_one(square: Array, absorbed: Array, across: Array) -> tuple[Array, NDArr
     return np.asarray(across**2 * inverse[:, None]), seen.astype(int)
 
 
+def _of_several(gram: Array, left: Array, across: Array) -> tuple[Array, NDArray[np.int_]]:
+    """Return T along scores, (m, t), and the rank of m sets of k columns, of products `gram`, `left` by calibration."""
+    size = np.sqrt(np.maximum(np.einsum("mii->mi", gram), 1e-300))
+    values, vectors = np.linalg.eigh(left / size[:, :, None] / size[:, None, :])
+    kept = values > _SEEN**2
+    z = vectors.transpose(0, 2, 1) @ (across / size[:, :, None])
+    each = (z**2 * np.where(kept, 1 / np.where(kept, values, 1.0), 0.0)[:, :, None]).sum(axis=1)
+    return each, kept.sum(axis=1)
+
+
 def _together(found: Sequence[tuple[Array, NDArray[np.int_]]], extra: Array | None) -> tuple[Array, Array, Array]:
     """Return T of blocks of columns, (m, 1 + d) each, with their ranks, as `scan` returns them."""
     most = np.zeros(0 if extra is None else extra.shape[1])
@@ -198,15 +208,21 @@ def _predicts(ground: Fit, best: _Found, whole: Formulation, free: Sequence[Smoo
         return True
     plain = Noise(noise.scale, noise.autocorrelation, noise.t_degrees, profiled=noise.profiled)
     part = fit(Model(formulation.on(formulation.data.rows(~out)), ground.model.effects), plain, ground.x)
-    rest = formulation.data.rows(out)
-    smooth, found = fit_smooth(part, tuple(free)), _answer_of(part, whole, seed, again=False)
+    rest, found = formulation.data.rows(out), _answer_of(part, whole, seed, again=False)
     if found is None:
         return False
-    tried = (smooth, found[0], fit_smooth(found[0], tuple(free)))
-    errors = [(noise.scores(predicted(one.model, one.x, rest, Noise())) ** 2).sum(axis=1) for one in tried]
-    gained = [np.asarray(errors[0] - one) for one in errors[1:]]
     sure = 0.0 if found[1].structure == best.structure else _SURE  # one that is found twice is hardly chance
-    return any(float(g.sum()) > sure * float(np.sqrt(np.sum(g**2))) for g in gained)
+
+    def errors(one: Fit) -> Array:
+        return np.asarray((noise.scores(predicted(one.model, one.x, rest, Noise())) ** 2).sum(axis=1))
+
+    smooth = errors(fit_smooth(part, tuple(free)))
+
+    def better(one: Fit) -> bool:
+        gained = smooth - errors(one)
+        return float(gained.sum()) > sure * float(np.sqrt(np.sum(gained**2)))
+
+    return better(found[0]) or better(fit_smooth(found[0], tuple(free)))
 
 
 def _told(
@@ -300,11 +316,12 @@ class _Search:
         self.table = np.stack([np.ones(len(self.data)), *(self.value(a)[:, 0] for a in atoms)], axis=0)
         # of each product, the rows of the table that it multiplies, (m, 2)
         self.factors = np.array([[place[a] for a in p] + [0] * (2 - len(p)) for p in self.products]).reshape(-1, 2)
-        self.held: dict[bytes, Array] = {}
+        self.held = np.empty((0, 0))
+        self.wave_values = np.concatenate([self.value(a) for (a,) in self.waves], axis=1) if self.waves else self.held
         self.weights: dict[str, tuple[Array, Array | None]] = {}
         self.by_row: tuple[ProjectedScores, Array | None, Array] | None = None
         self.pulls: dict[str, tuple[ProjectedScores, Array]] = {}
-        self.lengths: dict[tuple[str, int], tuple[Array, Array]] = {}
+        self.lengths: dict[tuple[str, int, int], tuple[Array, Array]] = {}
         single = len(every) * len(self.own)
         pairs = sum(len(own) for own in self.own.values()) - (len(every) - len(self.waves)) * len(self.own)
         self.count = [max(1, single), max(1, pairs)]
@@ -417,13 +434,7 @@ class _Search:
                 found.append(_of_one(gram[:, 0, 0], (across[:, :p] ** 2).sum(axis=1), across[:, p:]))
                 continue
             A = across.reshape(len(gram), k, -1)
-            left2 = gram - A[:, :, :p] @ A[:, :, :p].transpose(0, 2, 1)
-            size = np.sqrt(np.maximum(np.einsum("mii->mi", gram), 1e-300))
-            values, vectors = np.linalg.eigh(left2 / size[:, :, None] / size[:, None, :])
-            kept = values > _SEEN**2
-            z = vectors.transpose(0, 2, 1) @ (A[:, :, p:] / size[:, :, None])
-            each = (z**2 * np.where(kept, 1 / np.where(kept, values, 1.0), 0.0)[:, :, None]).sum(axis=1)
-            found.append((each, kept.sum(axis=1)))
+            found.append(_of_several(gram, gram - A[:, :, :p] @ A[:, :, :p].transpose(0, 2, 1), A[:, :, p:]))
         return _together(found, extra)
 
     def _grams(self, quantity: str, V: Array, k: int) -> Array:
@@ -454,32 +465,50 @@ class _Search:
         self.pulls[quantity] = on, pull[:, :t]
         return np.asarray(pull)
 
-    def _everything(
-        self, on: ProjectedScores, quantity: str, extra: Array | None
-    ) -> tuple[Array, Array, Array]:  # fmt: skip
-        """Return what `scan` does, of all products of a part and then its waves.
+    def everything(self, on: ProjectedScores, extra: Array | None = None) -> dict[str, tuple[Array, Array, Array]]:
+        """Return for each quantity what `scan` does, of all its products and then its waves.
 
-        Lengths, and what calibration absorbs of them, are the same beside any terms and are computed once.
+        One product of matrices serves all quantities. Lengths, and what calibration absorbs of them, are the same
+        beside any terms and are computed once.
         """
-        own, waves = self.own[quantity], self._blocks_of([Term(quantity, wave) for wave in self.waves])
-        pull, square, p = self._pull(quantity, on, extra), self._weights(quantity)[1], self.first.Q.shape[1]
-        more, found = on.Q.shape[1] - p, []
-        block, key = max(1, _NUMBERS // len(self.data)), own.tobytes()
-        for start in range(0, len(own), block):
-            # the values of products, (m, n); parts of the same columns share them
-            if (V := self.held.get(key)) is None:
-                first, second = self.factors[own[start : start + block]].T
-                V = self.table[first] * self.table[second]
-                if len(own) <= block and V.size + sum(v.size for v in self.held.values()) <= _NUMBERS:
-                    self.held[key] = V
-            if (quantity, start) not in self.lengths:
-                whole = self._grams(quantity, V.T, 1)[:, 0, 0] if square is None else V**2 @ square
-                self.lengths[quantity, start] = whole, ((V @ pull[:, :p]) ** 2).sum(axis=1)
-            size, absorbed = self.lengths[quantity, start]
-            across = V @ pull[:, p:]
-            found.append(_of_one(size, absorbed + (across[:, :more] ** 2).sum(axis=1), across[:, more:]))
-        (T, ranks, most), last = _together(found, extra), self.scan(on, quantity, waves, extra)
-        return np.concatenate([T, last[0]]), np.concatenate([ranks, last[1]]), np.maximum(most, last[2])
+        p, more = self.first.Q.shape[1], on.Q.shape[1] - self.first.Q.shape[1]
+        pulls = {name: self._pull(name, on, extra) for name in self.own}
+        fresh = np.concatenate([pull[:, p:] for pull in pulls.values()], axis=1)
+        found: dict[str, list[tuple[Array, NDArray[np.int_]]]] = {name: [] for name in pulls}
+        block = max(1, _NUMBERS // max(fresh.shape))
+        for start in range(0, len(self.products), block):
+            V = self._values(start, block)
+            across = (V @ fresh).reshape(len(V), len(pulls), -1)
+            for j, (name, pull) in enumerate(pulls.items()):
+                own = self.own[name]
+                own = own[slice(*np.searchsorted(own, (start, start + len(V))))] - start
+                if (key := (name, start, len(V))) not in self.lengths:
+                    some = V[own]
+                    size = self._grams(name, some.T, 1)[:, 0, 0]
+                    self.lengths[key] = size, ((some @ pull[:, :p]) ** 2).sum(axis=1)
+                size, absorbed = self.lengths[key]
+                each = across[own, j]
+                found[name].append(_of_one(size, absorbed + (each[:, :more] ** 2).sum(axis=1), each[:, more:]))
+        for name, pull in pulls.items() if self.waves else ():
+            W, key = self.wave_values, (name, 0, 0)
+            if key not in self.lengths:
+                A = (W.T @ pull[:, :p]).reshape(len(self.waves), 2, -1)
+                gram = self._grams(name, W, 2)
+                self.lengths[key] = gram, gram - A @ A.transpose(0, 2, 1)
+            gram, left = self.lengths[key]
+            A = (W.T @ pull[:, p:]).reshape(len(self.waves), 2, -1)
+            left = left - A[:, :, :more] @ A[:, :, :more].transpose(0, 2, 1)
+            found[name].append(_of_several(gram, left, A[:, :, more:]))
+        return {name: _together(each, extra) for name, each in found.items()}
+
+    def _values(self, start: int, block: int) -> Array:
+        """Return the values of a block of products, (m, n); all of them are kept where they are one block."""
+        if len(self.held):
+            return self.held[start : start + block]
+        first, second = self.factors[start : start + block].T
+        V: Array = self.table[first] * self.table[second]
+        self.held = V if len(V) == len(self.products) else self.held
+        return V
 
     def _blocks_of(self, terms: Sequence[Term]) -> Iterable[tuple[Array, int]]:
         """Return the values of terms of one quantity, in blocks of one rank, in their order."""
@@ -496,9 +525,9 @@ class _Search:
 
     def forget(self) -> None:
         """Let go of what only a search needs: an answer is told long after it."""
-        for kept in (self.held, self.values, self.weights, self.pulls, self.lengths):
+        for kept in (self.values, self.weights, self.pulls, self.lengths):
             kept.clear()
-        self.table, self.by_row = np.empty((0, 0)), None
+        self.table, self.held, self.wave_values, self.by_row = *[np.empty((0, 0))] * 3, None
 
     def worth(self, T: float, rank: int, terms: Sequence[Term], on: ProjectedScores) -> float:
         """Return the description that a formula saves: what it explains, less its numbers and its place in the list."""
@@ -535,24 +564,18 @@ class _Search:
         """Return the best formulas of one term more, each structure once, and p of the best against drawn noise."""
         scored: list[tuple[float, int, Term]] = []
         most_tried = _TRIED[min(len(before), len(_TRIED) - 1)]
-        drawn, most = None, np.zeros(0)
-        if rng is not None and len(on.y) <= _DRAWN_ROWS:
-            drawn = rng.standard_normal((len(on.y), _DRAWN))
-            drawn -= on.Q @ (on.Q.T @ drawn)
-            most = np.zeros(_DRAWN)
-        for quantity, own in self.own.items():
-            T, ranks, top = self._everything(on, quantity, drawn)
-            most = np.maximum(most, top) if drawn is not None else most
+        for quantity, (T, ranks, _) in self.everything(on).items():
+            own = self.own[quantity]
             for k in np.argsort(-T)[: 3 * most_tried]:
                 atoms = self.products[own[k]] if k < len(own) else self.waves[k - len(own)]
                 scored += [(float(T[k]), int(ranks[k]), Term(quantity, atoms))] if ranks[k] else []
         scored.sort(key=lambda s: -self._step_worth(s[0], s[1], s[2], on))
         if not scored:
             return [], 1.0
-        explained, rank, _ = scored[0]
-        tests = sum(self.count)
-        law = np.sort([on.test(float(t), 1) for t in most]) if drawn is not None else np.empty(0)
-        p = family_wise(on.test(explained, rank), law, tests)
+        alone, tests = on.test(*scored[0][:2]), sum(self.count)
+        p = family_wise(alone, np.empty(0), tests)
+        if p > _LEVEL and rng is not None and len(on.y) <= _DRAWN_ROWS:
+            p = family_wise(alone, self._law(on, rng), tests)
         tried: dict[tuple[object, ...], Term] = {}
         shown: set[tuple[str, int]] = set()  # each quantity with its best single column and its best pair
         for _, _, term in scored:
@@ -566,6 +589,13 @@ class _Search:
         for one in sorted(done, key=lambda f: -f.worth):
             unique.setdefault(one.structure, one)
         return list(unique.values()), p
+
+    def _law(self, on: ProjectedScores, rng: np.random.Generator) -> Array:
+        """Return sorted draws, under noise alone, of the smallest p of any term."""
+        drawn = rng.standard_normal((len(on.y), _DRAWN))
+        drawn -= on.Q @ (on.Q.T @ drawn)
+        most = np.max([most for _, _, most in self.everything(on, drawn).values()], axis=0)
+        return np.sort([on.test(float(t), 1) for t in most])
 
     def _step_worth(self, T: float, rank: int, term: Term, on: ProjectedScores) -> float:
         return self.gain(on, T, rank) - rank * float(np.log(len(on.y))) - self.place_of((term,))

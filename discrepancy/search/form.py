@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 
 from calibench.discrepancy.diagnostics.score import columns, score_all, signatures
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, curve
-from calibench.discrepancy.fitting.fit import Fit, orthonormal, project_off
+from calibench.discrepancy.fitting.fit import Fit, once, orthonormal, project_off
 from calibench.discrepancy.labels import quantity_label
 from calibench.discrepancy.model import effect as effects
 from calibench.discrepancy.model.effect import Effect, Moment, is_possible, name_of
@@ -155,34 +155,11 @@ def unlike(current: Fit, picks: Sequence[Effect], known: Sequence[Effect], terms
     bent |= {name_of(e) for e in picks if isinstance(e, effects.OfFreePeriod)}
     data = current.at.model.formulation.data
     part_of = description_of(data.machine).part_of
-    lone = [term for term in terms if len(term.covariates) == 1]
+    lone = tuple(term for term in terms if len(term.covariates) == 1)
     tried: list[Modulated] = []
-    # each pick times a function of each covariate of its part; of every part where its own has none
     for pick in (pick for pick in picks if name_of(pick) not in bent):
-        along = [slow_along(pick, data, m) for m in (SLOW, ALONG)] if len(pick.coefficients) <= MOST else []
-        tried += [Modulated(pick, (slow,)) for slows in along for slow in slows]
-        tried += [Modulated(pick, slows) for slows in along if len(slows) > 1]
-        taken = {slow.covariate for slows in along for slow in slows}
-        for term in [term for term in lone if part_of(term.target) == part_of(pick.target)] or lone:
-            [column], [low], [high] = term.covariates, term.low, term.high
-            # the size of play cannot depend on its own direction: the square of a sign is constant
-            constant = term.levels and column in pick.columns
-            if column in taken or term.covariate in taken or constant:
-                continue
-            taken.add(column)
-            waves = waves_over(data[column], low, high, 1 if term.levels else SLOW)
-            middle = tuple(np.nanmean(waves, axis=0).tolist())
-            tried.append(Modulated(pick, (Slow(term.covariate, column, low, high, middle),)))
-            if term.levels or len(pick.coefficients) > 1:
-                continue
-            # where it has the sign of a column, its size is a function of the column's, as friction's over the speed
-            own = pick.basis(current.at.recorded, data, np.zeros(1))
-            signs = [np.sign(change[:, 0]) * np.sign(data[column]) for change in own.values()]
-            if all(abs(float(np.nanmean(both))) > _SIGNS for both in signs):
-                far = float(np.nanmax(np.abs(data[column])))
-                waves = waves_over(np.abs(data[column]), 0.0, far, SLOW)
-                middle = tuple(np.nanmean(waves, axis=0).tolist())
-                tried.append(Modulated(pick, (Slow(term.covariate, column, 0.0, far, middle, unsigned=True),)))
+        near = [term for term in lone if part_of(term.target) == part_of(pick.target)] or lone
+        tried += once(partial(_forms_over, pick, current, near), (pick, data, *near), "forms")
     scored = [s for s, _ in score_all(current, tests.on, tried) if s.m]
     if not scored:
         return None
@@ -196,6 +173,36 @@ def unlike(current: Fit, picks: Sequence[Effect], known: Sequence[Effect], terms
         return None
     large = share(found.fit, form) >= (t.along_share if form.acts_along else t.form_share)
     return found if found.gain > t.further_gain and large else None
+
+
+def _forms_over(pick: Effect, current: Fit, terms: Sequence[SmoothTerm]) -> list[Modulated]:
+    """Return a pick times a function of each covariate of the `terms`, and of where its carriages stand."""
+    data = current.at.model.formulation.data
+    along = [slow_along(pick, data, m) for m in (SLOW, ALONG)] if len(pick.coefficients) <= MOST else []
+    tried = [Modulated(pick, (slow,)) for slows in along for slow in slows]
+    tried += [Modulated(pick, slows) for slows in along if len(slows) > 1]
+    taken = {slow.covariate for slows in along for slow in slows}
+    for term in terms:
+        [column], [low], [high] = term.covariates, term.low, term.high
+        # the size of play cannot depend on its own direction: the square of a sign is constant
+        constant = term.levels and column in pick.columns
+        if column in taken or term.covariate in taken or constant:
+            continue
+        taken.add(column)
+        waves = waves_over(data[column], low, high, 1 if term.levels else SLOW)
+        middle = tuple(np.nanmean(waves, axis=0).tolist())
+        tried.append(Modulated(pick, (Slow(term.covariate, column, low, high, middle),)))
+        if term.levels or len(pick.coefficients) > 1:
+            continue
+        # where it has the sign of a column, its size is a function of the column's, as friction's over the speed
+        own = pick.basis(current.at.recorded, data, np.zeros(1))
+        signs = [np.sign(change[:, 0]) * np.sign(data[column]) for change in own.values()]
+        if all(abs(float(np.nanmean(both))) > _SIGNS for both in signs):
+            far = float(np.nanmax(np.abs(data[column])))
+            waves = waves_over(np.abs(data[column]), 0.0, far, SLOW)
+            middle = tuple(np.nanmean(waves, axis=0).tolist())
+            tried.append(Modulated(pick, (Slow(term.covariate, column, 0.0, far, middle, unsigned=True),)))
+    return tried
 
 
 def runs_away(before: Fit, after: Fit, pick: Effect) -> bool:
@@ -391,8 +398,9 @@ def _near_without_noise(
 
     # twice the log-likelihood of each, its form off or not, less its penalty
     data = top.fit.model.formulation.data
-    place = np.stack([np.asarray(data[name], dtype=float) for name in effects.over_of(top.effect)], axis=-1)
-    fields = [random_field(place, length) for length in _LENGTHS]
+    over = effects.over_of(top.effect)
+    place = np.stack([np.asarray(data[name], dtype=float) for name in over], axis=-1)
+    fields = once(lambda: [random_field(place, length) for length in _LENGTHS], (data,), "fields", over)
     likelihoods = {o.name: _likelihood(o, o.effect, top, fields) - o.paid for o in placed}
     waves: dict[tuple[str, ...], tuple[Option, Effect]] = {}
     for o in sorted(placed, key=lambda one: one.gain):  # the one that explains more comes last
@@ -416,7 +424,20 @@ def _near_without_noise(
 
 
 def _likelihood(o: Option, effect: Effect, top: Option, fields: Sequence[Array]) -> float:
-    """Return twice the log-likelihood of an effect in the place of an option's, its form off or not."""
+    """Return twice the log-likelihood of an effect in the place of an option's, its form off or not.
+
+    Of a fit that is kept it is computed once: the scale of Gaussian noise adds a number to it.
+    """
+    if np.isfinite(o.fit.noise.t_degrees):
+        return _likelihood_and_count(o, effect, top, fields)[0]
+    of, scale = (o.fit.J, o.effect, *fields), o.fit.noise.scale
+    likely, count, then = once(
+        lambda: (*_likelihood_and_count(o, effect, top, fields), scale), of, "likelihood", effect is o.effect
+    )
+    return likely + 2 * count * float(np.log(scale / then))
+
+
+def _likelihood_and_count(o: Option, effect: Effect, top: Option, fields: Sequence[Array]) -> tuple[float, int]:
     at, k = o.fit, len(effect.coefficients)
     J, own = np.split(at.J, [len(at.x) - len(o.effect.coefficients)], axis=1)
     size = np.linalg.norm(J, axis=0)
@@ -436,7 +457,7 @@ def _likelihood(o: Option, effect: Effect, top: Option, fields: Sequence[Array])
         likely.append(-_least(y, D, np.asarray(T), effect, c, _OFF, count) / 2)
     exact = -count * (float(np.log(left / count)) + 1)
     drawn = 2 * (np.logaddexp.reduce(likely) - np.log(len(likely)))
-    return float(2 * np.logaddexp(exact / 2, (drawn + thresholds().form_odds) / 2))
+    return float(2 * np.logaddexp(exact / 2, (drawn + thresholds().form_odds) / 2)), count
 
 
 def _likeliest_first(found: Sequence[Option]) -> tuple[Option, ...]:

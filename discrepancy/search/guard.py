@@ -8,8 +8,11 @@ meet on one part are rare, a foreign cause that several names share is not: they
 function. A likelihood counts the numbers that a function needs, so no error is held out, and few rows do not decide.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from typing import final
 
@@ -18,8 +21,9 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dormqr, dpstrf, dpttrf, dpttrs, dsytrd
 
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
-from calibench.discrepancy.fitting.fit import Fit, orthonormal, project_off, reading_order
+from calibench.discrepancy.fitting.fit import Fit, once, orthonormal, project_off, reading_order
 from calibench.discrepancy.model.effect import Effect, name_of, whole_of
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
 from calibench.discrepancy.noise.whiten import Whitener, whitener
 from calibench.discrepancy.registries import description_of
@@ -165,26 +169,36 @@ def accounts(
             left = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
             if left @ left < _OWN * (y @ y):
                 own[name_of(effect)].add(name)
-    tried = [part.account((name,), *one.waves(data.columns)) for name, one in columns.items()]
+    fixed = (at.J, *named, *errors)
+    law = part.gain if np.isfinite(at.noise.t_degrees) else 0.0  # heavy tails are cut by their scale
+
+    def account(names: tuple[str, ...], waves: Callable[[], tuple[Array, Array]]) -> Account:
+        return part.account(names, once(lambda: part.errors(*waves(), len(names)), fixed, "errors", names, law))
+
+    tried = [account((name,), partial(one.waves, data.columns)) for name, one in columns.items()]
     best = sorted(tried, key=lambda one: -max(one.larger, one.alone))[:_TOP]
     met = dict.fromkeys(
         [*(name for names in own.values() for name in sorted(names)), *(one.columns[0] for one in best)]
     )
     for a, b in combinations(columns, 2):
         if a in met or b in met:
-            # the functions of both columns, (n, m), and their frequencies, (m,)
-            sides = []
-            for side in (columns[a], columns[b]):
-                waves, frequencies = replace(side, count=_SIDE).waves(data.columns)
-                if not side.levels:
-                    waves, frequencies = np.insert(waves, 0, 1.0, axis=1), np.insert(frequencies, 0, 0.0)
-                sides.append((waves, frequencies))
-            (first, slow), (second, fast) = sides
-            squares = (slow[:, None] ** 2 + fast**2).ravel()
-            some = squares > 0 if squares.any() else np.ones(len(squares), dtype=bool)
-            both = (first[:, :, None] * second[:, None, :]).reshape(len(first), -1)[:, some]
-            tried.append(part.account((a, b), both, np.sqrt(squares[some])))
+            tried.append(account((a, b), partial(_waves_of_two, columns[a], columns[b], data)))
     return tried, own
+
+
+def _waves_of_two(one: Component, other: Component, data: MeasuredData) -> tuple[Array, Array]:
+    """Return the functions of both columns, (n, m), and their frequencies, (m,)."""
+    sides = []
+    for side in (one, other):
+        waves, frequencies = replace(side, count=_SIDE).waves(data.columns)
+        if not side.levels:
+            waves, frequencies = np.insert(waves, 0, 1.0, axis=1), np.insert(frequencies, 0, 0.0)
+        sides.append((waves, frequencies))
+    (first, slow), (second, fast) = sides
+    squares = (slow[:, None] ** 2 + fast**2).ravel()
+    some = squares > 0 if squares.any() else np.ones(len(squares), dtype=bool)
+    both = (first[:, :, None] * second[:, None, :]).reshape(len(first), -1)[:, some]
+    return both, np.sqrt(squares[some])
 
 
 def _priors(frequencies: Array, over: int) -> Iterator[Array]:
@@ -224,7 +238,7 @@ class _Part:
         return int(len(self.y) - self.Q.shape[1])
 
     @classmethod
-    def of(cls, at: Fit, named: Sequence[Effect], errors: Sequence[Effect]) -> "_Part":
+    def of(cls, at: Fit, named: Sequence[Effect], errors: Sequence[Effect]) -> _Part:
         """Return the part of names, and of their forms, in a fit; of very many readings some rows tell the same."""
         model, gain, n, c = at.model, at.noise.gain, *at.at.misclosure.shape
         data = model.formulation.data
@@ -266,28 +280,17 @@ class _Part:
             white=white, gain=gain, least=0.0 if at.noise.profiled else 1.0,
         )  # fmt: skip
 
-    def account(self, columns: tuple[str, ...], waves: Array, frequencies: Array) -> Account:
-        """Return what a smooth error of these functions (n, m) says of the names."""
-        raw = [
-            self.white(slope[self.rows][:, :, None] * waves[self.rows][:, None, :]) * self.gain for slope in self.slopes
-        ]
-        sizes = [float(np.mean(one**2)) or 1.0 for one in raw]
-        seen = [project_off(one, self.Q, times=2) for one in raw]
-        found = Account(columns, *[-np.inf] * 4)
-        for k, acting in enumerate(self.sets):
-            A = np.concatenate([self.columns, *(seen[j] for j in acting)], axis=1)
-            G, b = A.T @ A, A.T @ self.y
-            names = len(self.variances)
-            alone = _Error.of(G[names:, names:], b[names:], float(self.y @ self.y), 0.0, self)
-            beside_names = self._beside(G, b) if k == 0 else None
-            for prior in _priors(frequencies, len(columns)):
-                variances = np.concatenate([prior / sizes[j] for j in acting]) / len(acting)
-                found = replace(found, alone=max(found.alone, float(alone.likely(variances, _SIZES).max())))
-                if beside_names is None:
+    def account(self, columns: tuple[str, ...], errors: Sequence[Sequence[_Error]]) -> Account:
+        """Return what smooth errors over columns say of the names; the first ones are of all slopes."""
+        off = _OFF * self.off
+        sizes, found = np.concatenate([off, _SIZES]), Account(columns, *[-np.inf] * 4)
+        for k, own in enumerate(errors):
+            for one in own:
+                alone, named = one.likely(sizes, self)
+                found = replace(found, alone=max(found.alone, float(alone[len(off) :].max())))
+                if k > 0:
                     continue
-                off = _OFF * self.off
-                likely = beside_names.likely(variances, np.concatenate([off, _SIZES]))
-                form, beside = likely[: len(off)], likely[len(off) :]
+                form, beside = named[: len(off)], named[len(off) :]
                 larger = np.max(beside, where=self.off < _SIZES, initial=-np.inf)
                 found = replace(
                     found, form=max(found.form, float(form.max())), beside=max(found.beside, float(beside.max())),
@@ -295,55 +298,80 @@ class _Part:
                 )  # fmt: skip
         return found
 
-    def _beside(self, G: Array, b: Array) -> "_Error":
-        """Return an error that stands beside the names: G (k + m, k + m) and b are those of names and functions."""
-        k, s = len(self.variances), np.sqrt(self.variances)
-        L = np.linalg.cholesky(np.eye(k) + s[:, None] * G[:k, :k] * s)
-        solved = np.linalg.solve(L, s[:, None] * np.column_stack([G[:k, k:], b[:k]]))
-        C, d = solved[:, :-1], solved[:, -1]
-        lost = float(np.log(np.diag(L)).sum())
-        return _Error.of(G[k:, k:] - C.T @ C, b[k:] - C.T @ d, float(self.y @ self.y - d @ d), lost, self)
+    def errors(self, waves: Array, frequencies: Array, over: int) -> list[list[_Error]]:
+        """Return the smooth errors of functions (n, m) of `over` columns: of each set of slopes, one of each prior."""
+        raw = [
+            self.white(slope[self.rows][:, :, None] * waves[self.rows][:, None, :]) * self.gain for slope in self.slopes
+        ]
+        sizes = [float(np.mean(one**2)) or 1.0 for one in raw]
+        seen = [project_off(one, self.Q, times=2) for one in raw]
+        given = np.column_stack([self.y, self.columns * np.sqrt(self.variances)])
+        found = []
+        for acting in self.sets:
+            A = np.concatenate([seen[j] for j in acting], axis=1)
+            factor, z = _factor(A.T @ A, A.T @ given)
+            priors = (np.concatenate([prior / sizes[j] for j in acting]) for prior in _priors(frequencies, over))
+            found.append([_Error.of(factor, z, given.T @ given, one / len(acting), self.gain) for one in priors])
+        return found
+
+
+def _factor(sums: Array, along: Array) -> tuple[Array, Array]:
+    """Return a factor (r, m) and z (r, t), so that factor' factor and factor' z are sums (m, m) and `along` (m, t)."""
+    upper, pivots, rank, _ = dpstrf(sums, tol=_RANK * np.diag(sums).max())
+    order = pivots - 1
+    # two rows are zero: LAPACK solves for two and more
+    factor, z = np.zeros((rank + 2, len(sums))), np.zeros((rank + 2, along.shape[1]))
+    factor[:rank, order] = np.triu(upper[:rank])
+    z[:rank] = solve_triangular(upper[:rank, :rank], along[order[:rank]], trans="T")
+    return factor, z
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class _Error:
-    """A smooth error on a part: factor (r, m) and z (r,), so that factor' factor and factor' z are its sums.
+    """A smooth error of a part, of any size: a tridiagonal matrix (`diagonal`, `beside`), so that a size costs little.
 
-    `total` is the square of the scores, `lost` what names cost already.
+    `z`, (r, 1 + k), are the scores and the k columns of the names, each by what it may be, along the error; `rest` are
+    their products without it. `inner`: the matrix is that of the functions, else that of the rows. `gain` is that of
+    the scores: at another scale of the noise the matrix is the same.
     """
 
-    factor: Array
+    diagonal: Array
+    beside: Array
     z: Array
-    total: float
-    lost: float
-    part: _Part
+    rest: Array
+    inner: bool
+    gain: float
 
     @classmethod
-    def of(cls, sums: Array, along: Array, total: float, lost: float, part: _Part) -> "_Error":
-        """Return it of the sums of squares (m, m) and along the scores (m,), of some rank that rounding leaves."""
-        upper, pivots, rank, _ = dpstrf(sums, tol=_RANK * np.diag(sums).max())
-        order = pivots - 1
-        factor, z = np.zeros((rank + 2, len(sums))), np.zeros(rank + 2)  # two are zero: LAPACK solves for two and more
-        factor[:rank, order] = np.triu(upper[:rank])
-        z[:rank] = solve_triangular(upper[:rank, :rank], along[order[:rank]], trans="T")
-        return cls(factor, z, total, lost, part)
-
-    def likely(self, variances: Array, sizes: Array) -> Array:
-        """Return the log-likelihood, but for a constant, for each size of the error."""
+    def of(cls, factor: Array, z: Array, squares: Array, variances: Array, gain: float) -> _Error:
+        """Return it of functions by their factor and z, and the variances (m,) of their weights."""
         some = variances > _RANK * variances.max()
-        scaled = self.factor[:, some] * np.sqrt(variances[some])
-        # a tridiagonal matrix with the same eigenvalues: a size costs next to nothing
-        turns, diagonal, beside, tau, _ = dsytrd(scaled @ scaled.T, lower=1, lwork=_WORK * len(self.z))
-        z = self.z.copy()
-        z[1:] = dormqr("L", "T", turns[1:, :-1], tau, z[1:, None], lwork=_WORK)[0][:, 0]
-        wider = [dpttrf(1 + a * diagonal, a * beside)[:2] for a in sizes**2]
-        widths = np.array([np.log(one).sum() for one, _ in wider])
-        left = np.array([self.total - z @ z + z @ dpttrs(*one, z)[0] for one in wider])
+        scaled = factor[:, some] * np.sqrt(variances[some])
+        # of the two, the smaller matrix: (1 + S S')^-1 is 1 - S (1 + S' S)^-1 S'
+        inner = 1 < scaled.shape[1] < len(scaled)
+        rest = squares if inner else squares - z.T @ z
+        S, z = (scaled.T, scaled.T @ z) if inner else (scaled, z.copy())
+        turns, diagonal, beside, tau, _ = dsytrd(S @ S.T, lower=1, lwork=_WORK * len(S))
+        z[1:] = dormqr("L", "T", turns[1:, :-1], tau, z[1:], lwork=_WORK * z.shape[1])[0]
+        return cls(diagonal, beside, z, rest, inner, gain)
+
+    def likely(self, sizes: Array, part: _Part) -> Array:
+        """Return the log-likelihoods, but for a constant, for each size: alone and beside the names, (2, s)."""
+        factors = [dpttrf(1 + a * self.diagonal, a * self.beside)[:2] for a in sizes**2]
+        widths = np.array([np.log(one).sum() for one, _ in factors])
+        along = np.stack([self.z.T @ dpttrs(*one, self.z)[0] for one in factors])
+        if self.inner:
+            along *= -(sizes**2)[:, None, None]
+        left = (self.rest + along) * (part.gain / self.gain) ** 2
+        names = np.eye(len(self.rest) - 1) + left[:, 1:, 1:]
+        # the names are taken out as well
+        taken = np.linalg.solve(names, left[:, 1:, :1])
+        left = np.stack([left[:, 0, 0], left[:, 0, 0] - (left[:, :1, 1:] @ taken)[:, 0, 0]])
+        widths = np.stack([widths, widths + np.linalg.slogdet(names)[1]])
         left = np.maximum(left, _TINY)
-        noise = np.maximum(self.part.least, left / self.part.degrees)
-        degrees = self.part.degrees
-        return np.asarray(-0.5 * (degrees * np.log(noise) + left / noise + widths) - self.lost)
+        noise = np.maximum(part.least, left / part.degrees)
+        return np.asarray(-0.5 * (part.degrees * np.log(noise) + left / noise + widths))
 
 
 def _alike(one: Array, other: Array) -> bool:

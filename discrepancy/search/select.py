@@ -14,9 +14,10 @@ import numpy as np
 
 from calibench.discrepancy.diagnostics import score
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
-from calibench.discrepancy.fitting.fit import Fit, fit_once
+from calibench.discrepancy.fitting.fit import Fit, fit_once, once
 from calibench.discrepancy.model import effect as effects
 from calibench.discrepancy.model.effect import Effect, is_possible, name_of
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.thresholds import thresholds
 
@@ -128,7 +129,7 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     ranked = []
     for s in named:
         steps = isinstance(s.effect, effects.ChangePoint) and delta_bic(s, on) > t.change_hopeful * top
-        places = effects.finer(s.effect, data) if steps else ()
+        places = _finer(s.effect, data) if steps else ()
         placed = [one for one, _ in score.score_all(base, on, places, sums=True)] if places else []
         placed = [*best_of_each(placed, on)[:1]]
         ranked.append(max((s, *placed), key=lambda one: delta_bic(one, on)))
@@ -188,11 +189,16 @@ def _in_order(found: Sequence[Option]) -> tuple[Option, ...]:
 def option(base: Fit, scored: score.Scored, on: score.ProjectedScores) -> Option:
     """Return a scored candidate fitted exactly, a change point at the best of its effects.finer places too."""
     best = _refit(base, scored, on)
-    if near := effects.finer(scored.effect, base.model.formulation.data):
+    if near := _finer(scored.effect, base.model.formulation.data):
         fine = best_of_each([s for s, _ in score.score_all(base, on, near, sums=True)], on)[0]
         if fine.T > scored.T:
             best = max(best, _refit(base, fine, on), key=lambda o: o.gain)
     return best
+
+
+def _finer(effect: Effect, data: MeasuredData) -> tuple[Effect, ...]:
+    """Return the same finer places whenever they are asked for: a fit with one of them is known by it."""
+    return once(lambda: effects.finer(effect, data), (effect, data), "finer")
 
 
 def _refit(base: Fit, scored: score.Scored, on: score.ProjectedScores) -> Option:

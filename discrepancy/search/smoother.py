@@ -8,7 +8,7 @@ one after the other, while they also predict left-out poses better. Outside the 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import cast, final
+from typing import final
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -17,7 +17,7 @@ from calibench.core.tables.cells import between
 from calibench.core.words import plain
 from calibench.discrepancy.diagnostics.score import projected_scores
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns
-from calibench.discrepancy.fitting.fit import ENDS, Fit, fit, project_off, reading_order
+from calibench.discrepancy.fitting.fit import Fit, fit, once, project_off, reading_order
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
@@ -110,11 +110,10 @@ class Smooth:
 
 def fit_smooth(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     """Return the fit with the smooth functions that these data support; `base` itself where none predicts."""
+    return once(lambda: _fit_smooth(base, terms), (base, *terms))
 
-    made, of = ENDS.get(), (base, *terms)
-    key = tuple(map(id, of))
-    if made is not None and key in made:
-        return cast(Fit, made[key][0])
+
+def _fit_smooth(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     current = base
     # scores of heavy-tailed noise are clipped, and smooth errors with them: another pass fits the remaining error
     for _ in range(_PASSES if np.isfinite(base.noise.t_degrees) else 1):
@@ -122,8 +121,6 @@ def fit_smooth(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
         if after is current:
             break
         current = after
-    if made is not None:
-        made[key] = current, of  # kept alive, as ids are those of live objects
     return current
 
 

@@ -461,9 +461,13 @@ def held_by_order(
         if worst <= thresholds().shuffled_p:
             return selection, (selection.fit, {name: one for some in told for name, one in some.items()})
         out = {name for some in told for name, one in some.items() if one.p == worst}
-        left = ([o for o in own if o.name not in out] for own in selection.sets)
-        sets = tuple(tuple(own) for own in left if own)
-        names = {own[0].name for own in sets}
+        names, kept = {own[0].name for own in selection.sets} - out, []
+        for own in selection.sets:  # a rival that takes the place of a name must not be a name of another set
+            taken = out if own[0].name in names else out | names
+            if left := tuple(o for o in own if o.name not in taken):
+                kept.append(left)
+                names.add(left[0].name)
+        sets = tuple(kept)
         forms = tuple(f for f in selection.forms if isinstance(f, forming.Modulated) and name_of(f.of) in names)
         effects = [own[0].effect for own in sets]
         picked = Picked(fit_with(fit_with(base, forms), effects), sets)

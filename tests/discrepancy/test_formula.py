@@ -209,7 +209,7 @@ def test_terms_explain_what_their_whitened_columns_do_however_noise_is_carried_o
     at = fit(before.model, replace(before.noise, autocorrelation=carried), before.x)
     search = _Search(at, at.model.formulation)
     on, quantity, rng = search.first, "hz", np.random.default_rng(1)
-    T, ranks, _ = search._everything(on, quantity, rng.standard_normal((len(on.y), 3)))
+    T, ranks, _ = search.everything(on, rng.standard_normal((len(on.y), 3)))[quantity]
     assert search._weights(quantity)[0].size == at.at.misclosure.size  # no matrix of rows by rows
     for k in rng.choice(len(search.own[quantity]), 40, replace=False):
         column = search.column_of(Term(quantity, search.products[search.own[quantity][k]]))[:, 0]

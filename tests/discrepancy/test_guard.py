@@ -2,10 +2,14 @@
 
 import ast
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from calibench.discrepancy.report import Doubt
+from calibench.discrepancy.search.guard import _Error, _factor
 from tests.foreign import causes, machines
 from tests.foreign.run import case, in_a_set, plainly, told
 
@@ -66,6 +70,25 @@ def test_a_cause_in_a_form_of_its_own_keeps_its_name_without_a_caution(machine: 
     said = told("off_form", 915002, machine=machine, cause=cause)
     assert in_a_set(said)
     assert not any(f["caution"] for f in said["findings"] if f["family"] == cause)
+
+
+@pytest.mark.parametrize("functions", [3, 12])  # fewer and more than the columns that rounding leaves
+def test_a_smooth_error_is_as_likely_as_by_the_whole_covariance(functions: int) -> None:
+    rng = np.random.default_rng(2)
+    y, names = 3 * rng.standard_normal(40), rng.standard_normal((40, 2))
+    A = rng.standard_normal((40, 8)) @ rng.standard_normal((8, functions))
+    variances, given = rng.uniform(0.1, 1, functions), np.column_stack([y, names])
+    one = _Error.of(*_factor(A.T @ A, A.T @ given), given.T @ given, variances, 1.0)
+    for gain in (1.0, 0.5):  # of the noise, when the same error is asked for again
+        part: Any = SimpleNamespace(gain=gain, degrees=40, least=1.0)
+        likely = one.likely(np.array([0.0, 0.3, 5.0]), part)
+        for k, size in enumerate((0.0, 0.3, 5.0)):
+            for row, beside in enumerate((0 * names, gain * names)):
+                V = np.eye(40) + size**2 * (A * variances) @ A.T + beside @ beside.T
+                left = gain**2 * float(y @ np.linalg.solve(V, y))
+                noise = max(1.0, left / 40)
+                exact = -0.5 * (40 * np.log(noise) + left / noise + np.linalg.slogdet(V)[1])
+                assert likely[row, k] == pytest.approx(exact, rel=1e-9)
 
 
 def test_the_foreign_machines_share_nothing_with_the_package() -> None:

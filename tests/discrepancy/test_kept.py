@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from calibench.discrepancy import Model, machines
+from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting import fit as kept
 from calibench.discrepancy.fitting.fit import Fit, at_any_scale, fit, fit_once, keeping_fits
+from calibench.discrepancy.model.effect import ChangePoint
 from calibench.discrepancy.noise.whiten import Noise
+from calibench.discrepancy.search.select import _finer
 from calibench.discrepancy.thresholds import THRESHOLDS, using
 from tests.discrepancy.empty_runs import empty_run
 
@@ -121,3 +124,22 @@ def test_where_only_names_are_asked_for_no_fit_is_made_again_at_another_scale(
             others = [fit_once(model, Noise(scale), start, near=False) for scale in (0.5, 2.0)]
     assert len(walked) == 1
     assert all(_same(first, other) and other.noise.scale != 1 for other in others)
+
+
+def test_small_fits_are_kept_with_their_arrays(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
+    start = fit(model, Noise()).x
+    with keeping_fits():
+        first = fit_once(model, Noise(), start)
+        assert fit_once(model, Noise(2.0), start).J is first.J
+        monkeypatch.setattr(kept, "_KEPT", 0)
+        large = fit_once(model, Noise(), start + 1e-9)
+        assert fit_once(model, Noise(), start + 1e-9).J is not large.J
+
+
+def test_the_finer_places_of_a_step_are_the_same_effects_whenever_a_search_asks(model: Model) -> None:
+    data = model.formulation.data
+    step = next(e for e in catalogue(model.formulation).candidates if isinstance(e, ChangePoint))
+    with keeping_fits():
+        first, again = _finer(step, data), _finer(step, data)
+    assert len(first) > 1
+    assert all(one is other for one, other in zip(first, again, strict=True))

@@ -15,10 +15,12 @@ from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.report import Shuffled
-from calibench.discrepancy.search.select import fit_with
+from calibench.discrepancy.search import stepwise
+from calibench.discrepancy.search.select import Option, fit_with, run_tests
 from calibench.discrepancy.search.shuffle import shuffled
 from calibench.discrepancy.search.standing import left_scale
 from calibench.problems.base import Array
+from tests.discrepancy.empty_runs import empty_run
 from tests.discrepancy.test_general_families import Arm, readings
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
@@ -100,6 +102,19 @@ def test_the_control_loses_a_name_with_its_order_and_not_without(name: str, colu
         control = shuffled(at, effect, effect, [e for e in known if e.family == effect.family])
         assert control is not None
         assert (control.p > 0.05) == loses
+
+
+def test_a_rival_in_the_place_of_a_refused_name_is_not_named_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    base = fit(Model(machines.make("gpm2002").formulate(empty_run(np.random.default_rng(3), poses=40))), Noise())
+    effects = [e for e in catalogue(base.model.formulation).candidates if e.family == "gear"][:2]
+    one, other = (Option(e, fit_with(base, [e]), 50.0, 1) for e in effects)
+    tests = run_tests(base, effects, (), None)
+    both = fit_with(base, effects)
+    selection = stepwise.Selection(both, both, ((one, other), (other,)), (), tests, tests, 0.0, True, 1.0, False)
+    told = iter([[{one.name: Shuffled("time", 50, 99, 0.5)}, {}], [{}]])
+    monkeypatch.setattr(stepwise, "controls", lambda *_: next(told))
+    left, _ = stepwise.held_by_order(selection, base, effects, ())
+    assert [[o.name for o in own] for own in left.sets] == [[other.name]]
 
 
 def test_play_does_not_pass_for_an_error_over_the_way_that_the_side_goes_with() -> None:

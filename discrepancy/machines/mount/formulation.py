@@ -73,6 +73,7 @@ class Mount:
                 held={name: 0.0 for name in terms if name not in free}, unit="arcsec",
                 instruments=tuple(Sensor(name, "star", "arcsec") for name in ERRORS[kind]),
                 roles=Roles(joints=joints, time="t_s" if "t_s" in data else "", temperature="temp_K"),
+                slopes=partial(_slopes, kind, latitude),
             )  # fmt: skip
 
         there = predicted(data, noise)
@@ -95,6 +96,15 @@ def _predicted(kind: Kind, latitude: float, q: Quantities) -> Numbers:
     roll, pitch = (np.asarray(q[name]) for name in AXES[kind])
     towards, axes = geometry.pointing(kind, latitude, roll, pitch, terms), geometry.tangents(*(q[n] for n in FRAME))
     return np.stack([np.sum(axis * towards, axis=1) for axis in axes], axis=-1) / ARCSEC
+
+
+def _slopes(kind: Kind, latitude: float, q: Quantities) -> dict[str, Array]:
+    """Return the slopes of `_predicted` in the axes and the terms, name -> (n, 2)."""
+    terms = {name: np.asarray(q[name]) for name in (*TURNS[kind], "TF", "TX")}
+    roll, pitch = (np.asarray(q[name]) for name in AXES[kind])
+    axes = np.stack(geometry.tangents(*(np.asarray(q[n]) for n in FRAME)), axis=1) / ARCSEC
+    moved = geometry.slopes_of(kind, latitude, roll, pitch, terms)
+    return {name: np.einsum("nck,nk->nc", axes, one) for name, one in moved.items()}
 
 
 def _left_by_all(formulation: Formulation) -> float:

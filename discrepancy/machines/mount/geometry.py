@@ -91,6 +91,42 @@ def pointing(kind: Kind, latitude: float, roll: Numbers, pitch: Numbers, terms: 
     return np.asarray(lowered / np.sqrt(np.sum(lowered * lowered, axis=-1))[:, None])
 
 
+def slopes_of(kind: Kind, latitude: float, roll: Array, pitch: Array, terms: dict[str, Array]) -> dict[str, Array]:
+    """Return the derivatives of `pointing` in its axes and each of its terms, name -> (n, 3), of one unit each."""
+    turn = {name: sign * terms[term] * ARCSEC for term, (name, sign) in TURNS[kind].items()}
+    pitch, roll = pitch + turn["pitch"], roll + turn["roll"]
+    c, p = np.broadcast_arrays(turn["across"], pitch)
+    # the direction and its derivatives so far, (m, n): each turn turns them, and adds its own
+    x = np.stack([np.cos(c) * np.cos(p), -np.sin(c) * np.cos(p), -np.cos(c) * np.sin(p)])
+    y = np.stack([np.sin(c), np.cos(c), 0 * c])
+    z = np.stack([np.cos(c) * np.sin(p), -np.sin(c) * np.sin(p), np.cos(c) * np.cos(p)])
+    y, z = _turned(y, z, -turn["square"])
+    x, y, z = np.vstack([x, 0 * p]), np.vstack([y, z[:1]]), np.vstack([z, -y[:1]])
+    x, y = _turned(x, y, roll)
+    x, y, z = np.vstack([x, -y[:1]]), np.vstack([y, x[:1]]), np.vstack([z, 0 * p])
+    y, z = _turned(y, z, turn["sideways"])
+    x, y, z = np.vstack([x, 0 * p]), np.vstack([y, -z[:1]]), np.vstack([z, y[:1]])
+    x, z = _turned(x, z, turn["forwards"])
+    x, y, z = np.vstack([x, -z[:1]]), np.vstack([y, 0 * p]), np.vstack([z, x[:1]])
+    whole = np.stack([x, y, z], axis=-1)
+    towards, moved = whole[0], whole[1:]
+    # lowered by TF sin z and TX tan z, and of length 1 again
+    up, tan = zenith(kind, latitude), np.reshape(terms["TX"], (-1, 1))
+    height, rise = (towards @ up)[:, None], (moved @ up)[..., None]
+    floor, fall = np.maximum(height, LOWEST), up - height * towards
+    drop = (np.reshape(terms["TF"], (-1, 1)) + tan / floor) * ARCSEC
+    steeper = np.where(height > LOWEST, -tan / floor**2 * ARCSEC, 0.0)
+    moved = moved - steeper * rise * fall + drop * (rise * towards + height * moved)
+    moved = np.concatenate([moved, -ARCSEC * np.stack([fall, fall / floor])])
+    lowered = towards - drop * fall
+    length = np.sqrt(np.einsum("nk,nk->n", lowered, lowered))[:, None]
+    ahead = lowered / length
+    moved = (moved - ahead * np.einsum("mnk,nk->mn", moved, ahead)[..., None]) / length
+    by = dict(zip(("across", "pitch", "square", "roll", "sideways", "forwards", "TF", "TX"), moved, strict=True))
+    found = {term: sign * ARCSEC * by[name] for term, (name, sign) in TURNS[kind].items()}
+    return found | dict(zip(AXES[kind], (by["roll"], by["pitch"]), strict=True)) | {n: by[n] for n in ("TF", "TX")}
+
+
 def _turned(a: Numbers, b: Numbers, by: Numbers) -> tuple[Numbers, Numbers]:
     return a * np.cos(by) - b * np.sin(by), a * np.sin(by) + b * np.cos(by)
 

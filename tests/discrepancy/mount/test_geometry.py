@@ -9,12 +9,14 @@ import pytest
 
 from calibench.discrepancy.machines.mount.geometry import (
     ARCSEC,
+    AXES,
     TERMS,
     TURNS,
     Kind,
     angles,
     direction,
     pointing,
+    slopes_of,
     tangents,
     zenith,
 )
@@ -130,3 +132,17 @@ def test_no_name_stands_for_two_terms_of_one_mount() -> None:
     for kind in ("equatorial", "altaz"):
         names = [term.name for term in TERMS if term.kind == kind]
         assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize("kind", ["equatorial", "altaz"])
+def test_slopes_are_those_of_a_complex_step(kind: Kind) -> None:
+    rng = np.random.default_rng(4)
+    roll, pitch = rng.uniform(-3, 3, 40), rng.uniform(0.2, 1.3, 40)
+    terms: dict[str, Any] = {name: rng.uniform(-3000, 3000, 40) for name in (*TURNS[kind], "TF", "TX")}
+    found = slopes_of(kind, LATITUDE, roll, pitch, terms)
+    for name, slope in found.items():
+        one = dict(zip(AXES[kind], (roll, pitch), strict=True)) | terms
+        one[name] = one[name] + 1e-30j
+        stepped = pointing(kind, LATITUDE, *(one.pop(axis) for axis in AXES[kind]), one).imag / 1e-30
+        assert slope == pytest.approx(stepped, rel=1e-12, abs=1e-12 * np.abs(stepped).max())
+    assert {*found} == {*AXES[kind], *terms}
