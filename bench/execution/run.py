@@ -431,6 +431,9 @@ def compile_problem(problem: Any, *optimizers: Any) -> None:
         problem.compile_values()
     elif extra_of(problem, "compile"):
         problem.compile()
+    below = None if is_foreign(problem) else extra_of(problem, "batch_below")
+    if below and any(getattr(one, "early_abandon", is_foreign(one)) for one in optimizers):
+        below(problem.start[None].copy(), np.zeros(1))
 
 
 def check_merit(problem: Any) -> Ending | None:

@@ -53,14 +53,14 @@ class Evaluator:
     """
 
     __slots__ = (
-        "__weakref__", "_again", "_ahead", "_asked_by", "_batch", "_below", "_closed", "_fixed", "_forked", "_function",
-        "_gradient", "_jacobian", "_joint", "_lock", "_mark", "_next_better", "_next_event", "_next_news", "_owner",
-        "_publish", "_residuals", "_restart_rng", "_restart_seed", "_rows", "_scan", "_shown", "_traced", "attempts",
-        "batch_evaluations", "best_evaluation", "best_value", "best_x", "budget", "deadline", "dimension", "earlier",
-        "evaluations", "gradient_evaluations", "has_gradient", "has_jacobian", "has_residuals", "hits", "hits_charged",
-        "jacobian_evaluations", "joint_evaluations", "lower", "non_finite", "non_finite_slopes", "outside_evaluations",
-        "raised", "residual_evaluations", "restarts", "start", "stopped", "target", "targets", "trace",
-        "unknown_slopes", "upper",
+        "__weakref__", "_again", "_ahead", "_asked_by", "_batch", "_below", "_call", "_closed", "_fixed", "_forked",
+        "_function", "_gradient", "_jacobian", "_joint", "_lock", "_mark", "_next_better", "_next_event", "_next_news",
+        "_owner", "_publish", "_residuals", "_restart_rng", "_restart_seed", "_rows", "_scan", "_shown", "_traced",
+        "attempts", "batch_evaluations", "best_evaluation", "best_value", "best_x", "budget", "deadline", "dimension",
+        "earlier", "evaluations", "gradient_evaluations", "has_gradient", "has_jacobian", "has_residuals", "hits",
+        "hits_charged", "jacobian_evaluations", "joint_evaluations", "lower", "non_finite", "non_finite_slopes",
+        "outside_evaluations", "raised", "residual_evaluations", "restarts", "start", "stopped", "target", "targets",
+        "trace", "unknown_slopes", "upper",
     )  # fmt: skip
 
     def __init__(
@@ -71,6 +71,7 @@ class Evaluator:
         self._asked_by: list[Callable[[Calls], None]] = []  # the functions made by `single_call`
         calls = calls_of(problem)
         self.ask(calls)
+        self._call = self.single_call()
         self._scan: Any
         self._next_better: Any
         self._scan, self._next_better = scans() if calls.batch or calls.below else (None, None)
@@ -112,7 +113,7 @@ class Evaluator:
 
     def __call__(self, x: Array) -> float:
         """Return the value at x, shape (dim,); infinite where it is not finite. Raises `Stop` when no more is left."""
-        return self._single_call()[0](x)
+        return self._call(x)
 
     def single_call(self) -> Callable[[Array], float]:
         """Return `__call__` as a plain function, which is faster to call often, because it looks up no attribute."""
@@ -200,7 +201,7 @@ class Evaluator:
         if function is None:
             if self._ahead is not None:
                 self._ahead(points[: max(self.remaining, 0)])
-            return np.array([self(x) for x in points])
+            return np.array([*map(self._call, points)])
         if not len(points):
             return np.empty(0)
 

@@ -33,6 +33,9 @@ LEVEL = 0.05
 MANY = 10  # shared tasks from which on they, not the repetitions, are what is drawn at random
 _BOUNDED = 1e6  # times a ratio: an end beyond this, either way, means that the runs are too few for a bound
 _MOST_RUNS = 1000  # beyond which no number of runs is proposed
+_NEEDED = (
+    *TASK[:-1], *METHOD, "repetition", "best_value", "charged", "judged_value", "judged_evaluations", "chance",
+)  # fmt: skip  # columns of runs, beside what scores and goals are made of
 
 
 @final
@@ -84,14 +87,15 @@ class Side:
 
 def against_each(runs: pd.DataFrame, cells: pd.DataFrame, first: Method, rivals: Sequence[Method]) -> list[Rival]:
     """Return of each of `rivals` what the `runs` say of it beside `first`, the best; `cells` is their summary."""
-    ordered = runs.assign(goal=goals_of(runs)).sort_values("repetition", kind="stable").reset_index(drop=True)
-    every, hits = scores(ordered), goal_hits(ordered)
+    order = np.argsort(runs["repetition"].to_numpy(), kind="stable")
+    every, hits = scores(runs)[order], goal_hits(runs)[order]
+    slim = runs[[name for name in _NEEDED if name in runs]].assign(goal=goals_of(runs))  # few columns are cheap to cut
+    ordered = slim.iloc[order].reset_index(drop=True)
     won = np.isfinite(hits)
     paid = np.where(won, hits, ordered["charged"].to_numpy(dtype=float))
     drawn = (ordered["start"] != "nominal").to_numpy()
     if "judged_value" in ordered:
         drawn = drawn | ordered["judged_value"].notna().to_numpy()
-    slim = ordered.drop(columns=["targets", "hits", "hits_charged"], errors="ignore")  # lists are slow to slice
     tasks = [
         {
             (str(pair[0]), str(pair[1])): Side(
@@ -104,7 +108,7 @@ def against_each(runs: pd.DataFrame, cells: pd.DataFrame, first: Method, rivals:
             )
             for pair, mine in task.groupby(METHOD, sort=False)
         }
-        for _, task in slim.groupby(TASK, sort=False, dropna=False)
+        for _, task in ordered.groupby(TASK, sort=False, dropna=False)
     ]
     number = cells.groupby(TASK, dropna=False, sort=False).ngroup()
     places = cells.assign(place=ranking.places(cells), task=number)

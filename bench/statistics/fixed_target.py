@@ -137,7 +137,8 @@ class Hits:
                 [known.setdefault((name, float(values[k])), len(known)) for name, k in pairs], dtype=np.int64
             )
             counts = [numbers(table[name], NEVER) for name in _COUNTS]
-            few = np.int32 if max(each.max(initial=0) for each in counts) < np.iinfo(np.int32).max else np.int64
+            most = max(each.max(initial=0) for each in counts)
+            few = next(kind for kind in (np.int16, np.int32, np.int64) if most <= np.iinfo(kind).max)
             # where runs with the same levels in the same order stand together, and how many levels they have
             begins = np.flatnonzero(np.diff(run, prepend=-1))
             sizes = np.diff(begins, append=len(run))
@@ -464,14 +465,14 @@ def weights(units: int) -> NDArray[np.uint8]:
     """Return how often each unit is drawn in each resample, shape (RESAMPLES, units): some times at most."""
     rng = np.random.default_rng(np.random.SeedSequence([*_SEED, units]))
     drawn = np.empty((RESAMPLES, units), dtype=np.uint8)
-    for some in in_blocks(units):
-        drawn[some] = rng.multinomial(units, np.full(units, 1 / units), size=len(drawn[some]))
+    for one in drawn:
+        one[:] = rng.multinomial(units, np.full(units, 1 / units))
     return drawn
 
 
 def in_blocks(units: int) -> Iterator[slice]:
     """Yield the resamples in blocks: as numbers, those of 25 000 units would take 200 MB at once."""
-    size = max(8, 4 * _AT_ONCE // units // 8 * 8)  # in eights, so that none is summed in another order
+    size = max(8, _AT_ONCE // units // 8 * 8)  # in eights, so that none is summed in another order
     for begin in range(0, RESAMPLES, size):
         yield slice(begin, min(begin + size, RESAMPLES))
 

@@ -14,6 +14,7 @@ from calibench.bench.provenance.run_id import given_options
 from calibench.bench.statistics import ranking
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, by_cell
 from calibench.bench.statistics.summary import QUARTILES, quantiles, summary
+from calibench.bench.store.arrays import lists_of
 from calibench.bench.store.columns import floats
 from calibench.core.registry import NotImported, names_of_files
 from calibench.problems.base import Parameter, parameters_of
@@ -71,7 +72,7 @@ def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = lambda name, 
     answered = runs[columns][runs["parameter_values"].notna()]
     cells = by_cell(answered)
     keys = answered.iloc[cells.first][CELL].itertuples(index=False)
-    listed = answered["parameter_values"].tolist()  # one by one each is a new array
+    listed = lists_of(answered["parameter_values"])
     for number, key in enumerate(keys if len(answered) else ()):
         names = dict(zip(CELL, key, strict=True))
         named = (names["problem"], names["problem_options"])
@@ -90,7 +91,7 @@ def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = lambda name, 
         parameters, printed = known[named]
         if not parameters:
             continue
-        values = np.array([list(listed[row]) for row in cells.rows(number)])
+        values = listed.table(cells.rows(number))
         quartiles = quantiles(values, QUARTILES)
         for i, p in enumerate(parameters):
             column = values[:, i]

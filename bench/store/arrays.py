@@ -94,17 +94,28 @@ def compute(name: str, *values: Any, options: Any = None) -> Any:
     return call_function(name, list(values), options)
 
 
-def dictionary(column: pa.ChunkedArray) -> tuple[pa.Array, Counts]:
-    """Return the different values of a column, none of them missing, and the place of each row's among them."""
+def dictionary(column: pa.ChunkedArray, missing: int = 0) -> tuple[pa.Array, Counts]:
+    """Return the different values of a column, and the place of each row's among them, `missing` of null."""
     coded = column if pa.types.is_dictionary(column.type) else compute("dictionary_encode", column)
     whole = coded.unify_dictionaries().combine_chunks()
     whole = whole.chunk(0) if isinstance(whole, pa.ChunkedArray) else whole
-    return whole.dictionary, numbers(whole.indices).astype(np.int64)
+    return whole.dictionary, numbers(whole.indices, missing).astype(np.int64)
 
 
 def index_in(values: Any, value_set: pa.Array) -> Any:
     """Return for each of `values` its first place in `value_set`, null for what is not there."""
     return compute("index_in", values, options=SetLookupOptions(value_set=value_set))
+
+
+def places(column: pd.Series, among: pd.Series) -> NDArray[np.int32]:
+    """Return for each text of a column its first place in another, -1 of none; of a category each is looked up once."""
+    import pandas as pd
+
+    ids = pa.array(among, pa.string())
+    if not isinstance(column.dtype, pd.CategoricalDtype):
+        return numbers(index_in(pa.array(column, pa.string()), ids), -1)
+    place = numbers(index_in(pa.array(column.cat.categories, pa.string()), ids), -1)
+    return np.asarray(place[column.cat.codes.to_numpy()])
 
 
 def is_in(values: Any, value_set: pa.Array) -> Any:
@@ -141,6 +152,10 @@ class Lists:
     begins: Counts
     count: Counts
     last: Array  # number of each list, NaN of an empty one
+
+    def table(self, rows: Counts) -> Array:
+        """Return the lists of `rows`, all of one length, shape (rows, numbers)."""
+        return self.flat[self.begins[rows][:, None] + np.arange(self.count[rows][0])]
 
     def alike(self, rows: Counts) -> Iterator[tuple[Array, Counts]]:
         """Yield each different list among `rows`, with those places in `rows` that have it."""
@@ -197,19 +212,30 @@ def in_schema(table: pa.Table, schema: pa.Schema, columns: Sequence[str] | None 
     return cast_table(table.select(wanted.names), wanted)
 
 
-def to_pandas(table: pa.Table) -> pd.DataFrame:
+def joined(tables: Sequence[pa.Table]) -> pa.Table:
+    """Return tables of the same columns as one; a text is a dictionary where it is one in each of them."""
+    if len({table.schema for table in tables}) > 1:
+        plain = [pa.field(f.name, pa.string() if pa.types.is_dictionary(f.type) else f.type) for f in tables[0].schema]
+        tables = [cast_table(table, pa.schema(plain)) for table in tables]
+    return pa.concat_tables(tables)
+
+
+def to_pandas(table: pa.Table, category: str = "") -> pd.DataFrame:
     """Return pandas with lists as Arrow lists, flags as nullable booleans and text as pandas' `str`, held by reference.
 
-    Equal texts are one: a slice or loop of some thousand rows takes a tenth of the time that Arrow's text takes.
+    Equal texts are one: a slice or loop of some thousand rows takes a tenth of the time that Arrow's text takes. The
+    column `category` is one of pandas' own.
     """
     import pandas as pd
 
-    texts = {}
+    texts: dict[str, Any] = {}
     for field in table.schema:
-        if pa.types.is_string(field.type):
-            coded = compute("dictionary_encode", table[field.name]).combine_chunks()
-            different = np.array([*coded.dictionary.to_pylist(), np.nan], dtype=object)  # the last stands for null
-            text = different[numbers(coded.indices, len(different) - 1)]
+        if pa.types.is_string(field.type) or pa.types.is_dictionary(field.type):
+            values, place = dictionary(table[field.name], missing=-1)
+            if field.name == category:
+                texts[category] = pd.Categorical.from_codes(place, values.to_pylist())
+                continue
+            text = np.array([*values.to_pylist(), np.nan], dtype=object)[place]  # the last stands for null
             texts[field.name] = pd.array(text, dtype=pd.StringDtype("python", na_value=np.nan))
     kinds: dict[pa.DataType, Any] = {kind: pd.ArrowDtype(kind) for kind in table.schema.types if pa.types.is_list(kind)}
     kinds[pa.bool_()] = pd.BooleanDtype()

@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from calibench.bench.store.arrays import cast, compute, numbers
+from calibench.bench.store.arrays import cast, dictionary, numbers
 from calibench.core.options import CLASS
 
 if TYPE_CHECKING:
@@ -55,16 +55,20 @@ def floats(column: Any) -> Array:
 
 def plain(column: Any) -> list[Any]:
     """Return a column as Python has it, None where it has nothing; NaN is nothing."""
-    if isinstance(column, pa.ChunkedArray) and pa.types.is_string(column.type):
-        coded = compute("dictionary_encode", column.combine_chunks())  # each text once, however many rows have it
-        texts = [*coded.dictionary.to_pylist(), None]
-        return [texts[place] for place in numbers(coded.indices, -1).tolist()]
+    if isinstance(column, pa.ChunkedArray) and (
+        pa.types.is_string(column.type) or pa.types.is_dictionary(column.type)
+    ):  # each text once, however many rows have it
+        values, place = dictionary(column, missing=-1)
+        texts = [*values.to_pylist(), None]
+        return [texts[i] for i in place.tolist()]
     if isinstance(column, pa.ChunkedArray):
         values = column.to_pylist()
     elif isinstance(column, list | np.ndarray):
         values = [*column]
     else:
         values = column.to_numpy(dtype=object, na_value=None).tolist()
+        if column.dtype == "str" or column.dtype.kind in "biu":
+            return list(values)
     return [None if isinstance(value, float) and value != value else value for value in values]
 
 

@@ -80,8 +80,10 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         if entry is None:
             continue
         whole = isinstance(entry, kind)
-        items = [*(entry.items() if kind is dict else zip(entry, strict=True))] if whole else []
-        if not whole or not all(isinstance(v, one) for item in items for v, one in zip(item, inside, strict=True)):
+        columns = () if not whole else (entry,) if kind is list else (entry, entry.values())
+        if not whole or any(
+            not issubclass(found, one) for column, one in zip(columns, inside) for found in {*map(type, column)}
+        ):
             raise StoreError(f"{path}: its entry {key!r} is damaged")
     return manifest
 

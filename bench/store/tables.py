@@ -27,6 +27,10 @@ from calibench.core.words import shortened
 
 RUNS, TRACES, HITS = "runs.parquet", "traces.parquet", "hits.parquet"
 _SCHEMAS = {RUNS: RUNS_SCHEMA, TRACES: TRACES_SCHEMA}
+_TEXTS = {  # of runs all but the id, which no two of them share
+    RUNS: [field.name for field in RUNS_SCHEMA if field.type == pa.string() and field.name != "run_id"],
+    TRACES: ["run_id"],
+}
 ORDER = ("problem", "problem_options", "optimizer", "optimizer_options", "start", "budget", "repetition", "run_id")
 _KEY = b"calibench"  # of the metadata
 _READ_ALWAYS = ("run_id", "study", "schema_version", "evaluations")
@@ -40,7 +44,7 @@ def parquet_file(path: Path, as_codes: Sequence[str] = ()) -> pq.ParquetFile:
     Columns of text in `as_codes` are read as dictionaries.
     """
     # read_table loads pyarrow.dataset
-    return pq.ParquetFile(path.absolute(), filesystem=LocalFileSystem(), read_dictionary=[*as_codes])
+    return pq.ParquetFile(path.absolute(), filesystem=LocalFileSystem(), read_dictionary=[*as_codes], pre_buffer=False)
 
 
 @final
@@ -51,16 +55,16 @@ class Tables:
     folder: Path
     study: str
 
-    def runs(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """Return the rows (of `columns`), checked; none where there is no table."""
+    def runs(self, columns: Sequence[str] | None = None, coded: bool = False) -> pa.Table:
+        """Return the rows (of `columns`), checked; none where there is no table. `coded`: texts as dictionaries."""
         wanted = None if columns is None else list(dict.fromkeys([*columns, *_READ_ALWAYS]))
-        table = self._content(RUNS, self.open(RUNS), wanted)
+        table = self._content(RUNS, self.open(RUNS, coded), wanted)
         self._check(table)
         return table if columns is None else table.select(list(columns))
 
-    def traces(self) -> pa.Table:
-        """Return the points of all traces; none where there is no table."""
-        return self._content(TRACES, self.open(TRACES))
+    def traces(self, columns: Sequence[str] | None = None, coded: bool = False) -> pa.Table:
+        """Return the points of all traces (`columns` of them); none where there is no table."""
+        return self._content(TRACES, self.open(TRACES, coded), columns)
 
     def complete(self) -> set[str]:
         """Return the ids of the runs whose row and trace are both there."""
@@ -84,7 +88,7 @@ class Tables:
             marks.append(origin.get("pair") if isinstance(origin, dict) else None)
         return marks[0] is not None and marks[0] == marks[1]
 
-    def open(self, name: str) -> pq.ParquetFile | None:
+    def open(self, name: str, coded: bool = False) -> pq.ParquetFile | None:
         """Return a table as a file; None where it is missing. Both tables are checked: one is not read without both."""
         files: dict[str, pq.ParquetFile] = {}
         for each, schema in _SCHEMAS.items():
@@ -131,14 +135,20 @@ class Tables:
                 path = self.folder / (TRACES if damage.in_traces else RUNS)
                 raise StoreError(f"{path}: {where}: {value} {damage.rule}; {_LEFT}")
             _CHECKED[place] = state
-        return files.get(name)
+        return parquet_file(self.folder / name, _TEXTS[name]) if coded and name in files else files.get(name)
 
     def _content(self, name: str, file: pq.ParquetFile | None, columns: Sequence[str] | None = None) -> pa.Table:
         schema = _SCHEMAS[name]
         if file is None:
             return empty_table(schema if columns is None else pa.schema([schema.field(column) for column in columns]))
         try:
-            return in_schema(file.read(list(columns or schema.names), use_threads=False), schema, columns)
+            names = list(columns or schema.names)  # in groups: all at once take thrice the memory
+            groups = [file.read_row_group(i, names, use_threads=False) for i in range(file.num_row_groups)]
+            table = pa.concat_tables(groups or [file.read(names)])
+            for i, field in enumerate(schema):
+                if pa.types.is_dictionary(file.schema_arrow.field(field.name).type):
+                    schema = schema.set(i, file.schema_arrow.field(field.name))
+            return in_schema(table, schema, columns)
         except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
             raise self._unreadable(self.folder / name, error) from None
 

@@ -223,14 +223,14 @@ class Planar:
         return lambda phi: gauge.move(machine, phi)[self._free]
 
     def compile(self) -> None:
-        """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
+        """Compile (or load from the cache) what nearly all optimisers call, so that no clock sees it."""
         self.compile_values()
         self._compiled.compile()
 
     def compile_values(self) -> None:
-        """Compile likewise what methods call that ask for values alone."""
+        """Compile likewise what methods call that ask for values alone, each of them whole."""
         points = self.start[None].copy()
-        self(points[0]), self.batch(points), self.batch_below(points, np.zeros(1))
+        self(points[0]), self.batch(points)
 
     @cached_property
     def _free(self) -> NDArray[np.int64]:

@@ -101,3 +101,12 @@ def test_derivatives_are_compiled_unless_a_method_says_that_it_asks_for_none(mor
     method = SimpleNamespace(traits=type("Own", (Traits,), more)())
     assert compile_parts(problem, method) is None
     assert calls == [called]
+
+
+@pytest.mark.parametrize(("options", "times"), [({}, 0), ({"early_abandon": True}, 1)])
+def test_what_gives_up_sums_early_is_compiled_for_methods_that_ask_for_it_alone(options, times, monkeypatch):
+    problem, calls = problems.make("sensor_zero"), []
+    monkeypatch.setattr(type(problem), "batch_below", lambda _, points, limits: calls.append(len(points)))
+    assert compile_parts(problem, optimizers.make("de", **options)) is None
+    problem.compile()
+    assert calls == [1] * times

@@ -379,6 +379,19 @@ def test_the_folder_of_many_studies_reads_as_one_table(tmp_path, runs):
     assert set(both.traces()["run_id"]) == {run.run_id for run in runs[:2]}
 
 
+def test_courses_are_the_traces_in_short_collected_or_not(tmp_path, runs):
+    for name, run in zip("ab", runs, strict=False):
+        one = ResultStore(tmp_path / name)
+        one.open()
+        one.write(run)
+    ResultStore(tmp_path / "a").collect()  # of the other its journal is read
+    for folder in (tmp_path / "a", tmp_path):
+        whole, short = ResultStore(folder).traces(), ResultStore(folder).courses()
+        assert short["run_id"].dtype == "category"
+        ids = short["run_id"].astype(whole["run_id"].dtype)
+        pd.testing.assert_frame_equal(short.assign(run_id=ids), whole[["run_id", "charged", "best_value"]])
+
+
 def test_a_run_that_was_forgotten_is_not_found_again_in_the_journal_of_who_is_still_writing(store, runs):
     other = store.writer()
     other.append(runs[0])

@@ -172,6 +172,13 @@ def test_convergence_draws_what_its_numbers_say(runs, store):
     assert falls.all()
 
 
+def test_the_target_chart_draws_what_nobody_sees_no_more_than_five_times(runs):
+    one = runs[(runs["problem"] == "full12") & (runs["optimizer"] == "de")].iloc[[0] * 40]
+    figure, numbers = figures.target_chart(one.reset_index(drop=True))
+    assert max(len(line.get_xdata()) for line in figure.axes[0].get_lines()) == 5
+    assert len(numbers) == 40
+
+
 def test_the_target_chart_keeps_methods_that_never_got_there(runs):
     mine = runs[(runs["problem"] == "full12") & runs["optimizer"].isin(["de", "lm"])]
     mine = mine[[json.loads(o)["gauge"] == "xa2" for o in mine["problem_options"]]]

@@ -35,6 +35,7 @@ from calibench.bench.report.study.figures import convergence_bands, spread_text
 from calibench.bench.statistics.cells import CELL
 from calibench.bench.statistics.names import options_seen
 from calibench.bench.statistics.summary import QUARTILES, goal_hits, median_of_reached, problem_name, quantiles
+from calibench.bench.store.arrays import lists_of
 from calibench.bench.store.runs import ResultStore
 from calibench.problems import constants
 
@@ -42,6 +43,7 @@ FIGURES = {"cong2008_fig3": "J1", "cong2008_fig4": "J2", "cong2008_fig5": "J3"}
 _PAPER = "cong2008"
 _METHODS = ("ga", "pso", "de")
 _RED = "#C00000"
+_STEPS, _BY = 6, 1e-4  # steps to the angle of a printed result on the gauge curve, and of its slope [rad]
 _SCALE = 4 * 244.0**2  # near zero J1 is J2 / (4 l_b^2) where all l_b are 244 mm
 _Cells = Sequence[tuple[str, str, dict[str, Any]]]  # key of the printed column, problem, options
 _TABLE2: _Cells = [
@@ -86,7 +88,8 @@ def _calibrations(cells: _Cells, runs: pd.DataFrame) -> pd.DataFrame:
             answered = cell[cell["parameter_values"].notna()]
             if not answered.empty:
                 names = answered["parameter_names"].iloc[0]
-                values = pd.DataFrame([list(each) for each in answered["parameter_values"]], columns=names)
+                listed = lists_of(answered["parameter_values"]).table(np.arange(len(answered)))
+                values = pd.DataFrame(listed, columns=names)
                 ours = {str(name): values[name] for name in values} | ours
             lines = [
                 (quantity, entry.unit, actual.get(quantity), entry.printed, entry.value, entry.why or entry.doubt,
@@ -122,13 +125,13 @@ TABLES: Mapping[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
 
 def runs_of(runs: pd.DataFrame, problem: str, options: Mapping[str, Any]) -> pd.DataFrame:
     """Return the runs of `problem` with these options and all others as they are by default: no noise, its own plan."""
-    mine = runs[runs["problem"] == problem]
-    if mine.empty:  # as in most studies: no problem need be built
-        return mine
+    of_it = runs["problem"] == problem
+    have = {text: json.loads(text) for text in runs.loc[of_it, "problem_options"].unique()}
+    if not have:  # as in most studies: no problem need be built
+        return runs.iloc[:0]
     wanted = json.loads(canonical(options_of(problems.make(problem, **options))))
-    have = {text: json.loads(text) for text in mine["problem_options"].unique()}
     fits = [text for text, held in have.items() if all(held.get(key, v) == v for key, v in wanted.items())]
-    return mine[mine["problem_options"].isin(fits)]
+    return runs[of_it & runs["problem_options"].isin(fits)]
 
 
 def _asked(cell: pd.DataFrame) -> dict[str, Any]:
@@ -205,8 +208,6 @@ def gauge(*_: pd.DataFrame) -> Drawing:
 
 def gauge_points() -> pd.DataFrame:
     """Return the printed 12-parameter columns of Tables 4 and 7 on their gauge curve, a row for each parameter."""
-    from scipy.optimize import least_squares
-
     rows = []
     for key, held in (("table4.j3_12", "ya2"), ("table7.de_j3", "xa2")):
         column, problem = constants.column(_PAPER, key), problems.full12(gauge=held)
@@ -214,11 +215,11 @@ def gauge_points() -> pd.DataFrame:
         arms = np.array([244.0 if p.unit == "rad" else 1.0 for p in problem.parameters])
         read = np.array([column[name] for name in names])
         fit = np.array([not column.entries[name].is_misprint for name in names]) & (arms == 1.0)  # angles: 1e-4 only
-
-        def misfit(phi: Any, curve: Any = problem.gauge_curve, read: Any = read, fit: Any = fit) -> Any:
-            return (curve(float(phi[0])) - read)[fit]
-
-        phi = float(least_squares(misfit, [0.0], method="lm", xtol=1e-15, ftol=1e-15).x[0])
+        phi = 0.0
+        for _ in range(_STEPS):  # of Gauss and Newton; scipy.optimize takes a third of a second to load
+            ahead, here, behind = ((problem.gauge_curve(phi + by) - read)[fit] for by in (_BY, 0.0, -_BY))
+            slope = (ahead - behind) / (2 * _BY)
+            phi -= float(slope @ here / (slope @ slope))
         on_curve, at = problem.gauge_curve(phi), names.index("lb1")
         scale = float(on_curve[at] / problem.gauge_curve(0.0)[at])
         for i, name in enumerate(names):

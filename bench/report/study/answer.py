@@ -54,7 +54,8 @@ def answer_of(
     abandoned; of a problem without targets the goal is the lowest value seen."""
     manifest = manifest or {}
     names = stats.method_names(runs) if names is None else names
-    planned = runs[~runs["run_id"].isin(manifest.get("abandoned", ()))]
+    abandoned = manifest.get("abandoned", ())
+    planned = runs[~runs["run_id"].isin(abandoned)] if abandoned else runs
     judged = with_lowest_seen(runs if planned.empty else planned, traces)
     if cells is None or len(judged) < len(runs) or (COLUMN not in runs and judged[COLUMN].any()):
         cells = stats.summary(judged)
@@ -72,7 +73,8 @@ def answer(
     finished = [budget for budget in budgets if budget not in remaining]
     most = (finished or budgets)[-1] if budgets else np.nan
     cut = remaining.get(int(most), 0) if budgets else 0
-    runs, cells = (table[(table["budget"] == most) if budgets else table["budget"].isna()] for table in (runs, cells))
+    if len(finished) > 1 or runs["budget"].nunique(dropna=False) > 1:
+        runs, cells = (table[table["budget"] == most] for table in (runs, cells))
     within = f"Within {_spaced(most)} evaluations a run" if budgets else "Of published runs, which tell no budget"
     called = name_of_each(runs, names)
     # methods, best first; places are among those that were run on every task, where there are some

@@ -18,7 +18,6 @@ from typing import Any, final
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 from markupsafe import Markup
 from numpy.typing import NDArray
 
@@ -28,13 +27,14 @@ from calibench.bench.statistics.names import method_labels
 from calibench.bench.statistics.optimum import Optimum
 from calibench.bench.statistics.ranking import methods_in_order
 from calibench.bench.statistics.summary import QUARTILES, method_names, option_text, quantiles
-from calibench.bench.store.arrays import index_in, numbers as numbers_of
+from calibench.bench.store.arrays import places
 from calibench.bench.store.columns import parts
 
 Array = NDArray[np.float64]
 GOAL = "goal"  # the quantity of the one target that counts as success on a problem
 _CURVES, _SHARES, _TARGETS = 110_000, 160_000, 60_000  # numbers of all cells together; each takes some six letters
 _DIGITS = 4
+_AT_ONCE = 1_000_000  # values of runs at a time: eight megabytes
 _NEEDED = {
     "run_id", *CELL, "dimension", "problem_group", "repetition", "evaluations", "charged", "best_value", "judged_value",
     "judged_evaluations",
@@ -280,41 +280,52 @@ def _table(quantity: str, rows: pd.DataFrame, cells: int, targets: Array, share:
 def bands(runs: pd.DataFrame, traces: pd.DataFrame, at: Array) -> Mapping[int, Array]:
     """Return q1, median, q3 after `at` charged evaluations, shape (3, counts), for each number in the column `cell`:
     NaN before all its runs have begun, infinite where too few have a value. A run that has ended keeps its last."""
-    ids = pa.array(runs["run_id"], pa.string())
-    row = index_in(pa.array(traces["run_id"], pa.string()), ids).to_numpy(zero_copy_only=False)
-    known = ~np.isnan(row.astype(float))
-    row, charged = row[known].astype(np.int64), traces["charged"].to_numpy(dtype=np.int64)[known]
-    values = traces["best_value"].to_numpy(dtype=float)[known]
-    order = np.lexsort((np.arange(len(row)), row))  # a trace keeps the order in which it was written
-    row, charged, values = row[order], charged[order], values[order]
-    most = max(int(charged.max(initial=0)), int(at.max(initial=0))) + 1
-    key = row * most + charged
-    begins = np.searchsorted(row, np.arange(len(runs) + 1))
+    cell_of, cells = pd.factorize(runs["cell"])
+    row = places(traces["run_id"], runs["run_id"])
+    column = np.searchsorted(at, traces["charged"].to_numpy()).astype(np.int32)  # the first count that knows a point
+    traced = np.zeros(len(runs), dtype=bool)
+    traced[row[row >= 0]] = True
+    known = (row >= 0) & (column < len(at))
+    row, column = row[known], column[known]
+    values = np.append(traces["best_value"].to_numpy(dtype=float)[known], np.nan)  # the last before a run has begun
+    cell = cell_of[row].astype(np.int32)
+    order = np.argsort(cell, kind="stable").astype(np.int32)  # a trace keeps the order in which it was written
+    ends = np.searchsorted(cell[order], np.arange(len(cells) + 1))
+    place = np.empty(len(runs), dtype=np.int32)  # within its cell
     bands = {}
-    cells = runs["cell"].to_numpy()
-    for cell in dict.fromkeys(cells.tolist()):
-        mine = np.flatnonzero(cells == cell)
-        last = np.searchsorted(key, mine[:, None] * most + at.astype(np.int64)[None, :], side="right") - 1
-        begun = last >= begins[mine][:, None]
-        stack = np.where(begun, values[np.maximum(last, 0)] if len(values) else np.nan, np.nan)
-        stack[begins[mine] == begins[mine + 1]] = np.inf  # it ended before its first evaluation
+    for number, (low, high) in enumerate(pairwise(ends.tolist())):
+        mine, points = np.flatnonzero(cell_of == number), order[low:high]
+        place[mine] = np.arange(len(mine))
+        last = np.full((len(at), len(mine)), -1, dtype=np.int32)  # point of each run until then
+        last[column[points], place[row[points]]] = points  # of several the last
+        np.maximum.accumulate(last, axis=0, out=last)
         band = np.full((3, len(at)), np.nan)
-        whole = ~np.isnan(stack).any(axis=0)
-        if whole.any():
-            band[:, whole] = quantiles(stack[:, whole], QUARTILES)
-        bands[int(cell)] = band
+        step = max(1, _AT_ONCE // len(mine))
+        for begin in range(0, len(at), step):
+            stack = values[last[begin : begin + step]]
+            stack[:, ~traced[mine]] = np.inf  # it ended before its first evaluation
+            whole = np.flatnonzero(~np.isnan(stack).any(axis=1))
+            if len(whole):
+                band[:, begin + whole] = quantiles(stack[whole].T, QUARTILES)
+        bands[int(cells[number])] = band
     return bands
 
 
 def traces_of(traces: pd.DataFrame, panels: Sequence[pd.DataFrame]) -> list[pd.DataFrame]:
-    """Return the traces of the runs of each of `panels`."""
-    ids = pa.chunked_array([pa.array(runs["run_id"], pa.string()) for runs in panels], pa.string())
-    row = index_in(pa.array(traces["run_id"], pa.string()), ids.combine_chunks())
-    panel_of = np.repeat(np.arange(len(panels) + 1), [*map(len, panels), 1])  # the last: of no panel
-    panel = panel_of[numbers_of(row, len(ids))]
+    """Return the traces of the runs of each of `panels`, their ids as a category of its own."""
+    ids = [runs["run_id"].drop_duplicates() for runs in panels]
+    begins = np.cumsum([0, *map(len, ids)])
+    row = places(traces["run_id"], pd.concat(ids))
+    panel = np.repeat(np.arange(len(panels) + 1, dtype=np.int32), [*map(len, ids), 1])[row]  # the last: of no panel
     order = np.argsort(panel, kind="stable")
-    ends = np.searchsorted(panel[order], np.arange(len(panels) + 1))
-    return [traces.iloc[order[low:high]] for low, high in pairwise(ends.tolist())]
+    ends = np.cumsum([0, *np.bincount(panel, minlength=len(panels))])
+    pieces = []
+    for mine, begin, (low, high) in zip(ids, begins.tolist(), pairwise(ends[: len(panels) + 1].tolist())):
+        at = order[low:high]
+        together = high > low and at[-1] - at[0] == high - low - 1  # as a store has them: no copy is needed
+        piece = traces.iloc[slice(at[0], at[-1] + 1) if together else at]
+        pieces.append(piece.assign(run_id=pd.Categorical.from_codes(row[at] - begin, pd.Index(mine))))
+    return pieces
 
 
 def groups_of(runs: pd.DataFrame) -> pd.Series:

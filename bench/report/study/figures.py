@@ -30,6 +30,7 @@ from calibench.bench.statistics.optimum import Optimum, optimum_of
 from calibench.bench.statistics.ranking import FEWEST, LOOK, Ranked, blocks_of, friedman, looks_of
 from calibench.bench.statistics.summary import endings, method_names
 from calibench.bench.store.arrays import lists_of
+from calibench.bench.store.columns import name_rows
 from calibench.core.seeds import digest
 from calibench.core.words import counted
 
@@ -41,6 +42,7 @@ _LEAST = 1e-307  # below it doubles lose digits
 _LARGEST_POWER = 308.3
 _TICKS = 8
 _LETTER = 0.06  # inches of a letter of a name
+_OVER = 5  # dots at one place, which no more of them make darker
 _NAMED = 12  # methods that get a colour; the others are a grey background
 _QUANTITY = "gap"
 _DIAGRAM_LETTER = 0.07  # inches of a letter of a name
@@ -241,6 +243,7 @@ def target_chart(runs: pd.DataFrame, title: str = "", marks: Sequence[Mark] = ()
             for y, (method, row) in enumerate(order.iterrows()):
                 dots = mine[mine["method"] == method]
                 hit, missed = dots["hit"].dropna(), dots.loc[dots["hit"].isna(), "charged"].clip(lower=1)
+                hit, missed = (at[at.groupby(at).cumcount() < _OVER] for at in (hit, missed))
                 axes.plot(hit, np.full(len(hit), y), "o", color=COLOURS[0], ms=5, alpha=0.6, mec="none")
                 axes.plot(missed, np.full(len(missed), y), ">", mfc="none", mec=COLOURS[1], ms=5)
                 if row["reached"]:
@@ -366,9 +369,8 @@ def put_scale(image: AxesImage, panels: Any, rows: int) -> None:
 
 def errors_of(runs: pd.DataFrame) -> pd.Series:
     """Return the error function of each run's problem; '' where it has no choice of them."""
-    texts = runs["problem_options"]
-    error = {text: str(json.loads(text).get("error", "")) for text in texts.unique()}
-    return pd.Series([error[text] for text in texts], index=runs.index, dtype=str)
+    column = "problem_options"
+    return name_rows(runs, [column], lambda rows: [str(json.loads(text).get("error", "")) for (text,) in rows])
 
 
 def file_name(title: str) -> str:

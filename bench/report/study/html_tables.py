@@ -145,7 +145,7 @@ def prices(runs: Sequence[tuple[str, pd.DataFrame]], known: Mapping[tuple[Any, .
 def by_error(runs: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
     """Return (error function, its runs) in order; problems without one have ''."""
     error = figures.errors_of(runs)
-    names = sorted(set(error))
+    names = sorted(error.unique())
     return [(name, runs[error == name] if len(names) > 1 else runs) for name in names]
 
 

@@ -64,7 +64,7 @@ class FinishedRuns:
 def finished_runs(store: ResultStore) -> FinishedRuns:
     """Return what a report is made of. Raises `StoreError` without runs."""
     columns = [name for name in RUNS_SCHEMA.names if name not in _UNREAD]
-    files, runs, traces = state_of(store.folder), offered(store.runs(columns)), store.traces()
+    files, runs, traces = state_of(store.folder), offered(store.runs(columns)), store.courses()
     if runs.empty:
         raise StoreError(f"{store.folder}: holds no finished run yet")
     named = files_named([*runs["problem_options"].unique(), *runs["optimizer_options"].unique()])
