@@ -22,7 +22,7 @@ DISTINCT = 0.02  # sine of the angle to what is kept already: below it a paramet
 ALIKE = 5e-3  # part of a column: less than this beside the others may only come from the arm's other errors
 LEVELS = ("frames", "zeros", "geometry", "gains")
 _RANK = {
-    "base": 0, "tool": 1, "zero": 2, "x": 3, "y": 3, "z": 5, "rx": 4, "ry": 4, "rz": 6, "gain": 7, "elastic": 8,
+    "base": 0, "tool": 1, "zero": 2, "x": 3, "y": 3, "z": 4, "rx": 5, "ry": 5, "rz": 6, "gain": 7, "elastic": 8,
     "theta": 2, "a": 3, "alpha": 4, "beta": 5, "d": 6,
 }  # fmt: skip  # of a URDF, and of a table
 _OF_SLIDING = {"d": 2, "theta": 4}  # the zero of a joint that slides is a length

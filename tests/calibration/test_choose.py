@@ -16,6 +16,7 @@ from calibench.calibration.normal import normal_blocks
 from calibench.calibration.readings import read_readings, table_of
 from calibench.calibration.start import start_of
 from calibench.calibration.urdf import read_urdf
+from tests.bench import arm_by_hand
 from tests.bench.arm_by_hand import NAMES, measured, urdf
 
 _HELD = [  # numbers that look nearly alike: one was held, the noise grew to what it left, and kept it held
@@ -202,3 +203,17 @@ def test_a_dozen_poses_are_calibrated_and_the_error_told_is_no_smaller_than_the_
         true = np.sqrt((model.errors(answer.fit.p)[0] ** 2).sum(axis=1).mean())
         assert true < 1.0
         assert answer.error_after > 0.5 * true
+
+
+def test_a_length_that_is_off_is_told_as_a_length_and_no_zero_takes_it_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    elbow = [(0.06, 0, 0.45) if k == 3 else place for k, place in enumerate(arm_by_hand.PLACES)]
+    monkeypatch.setattr(arm_by_hand, "PLACES", elbow)
+    (tmp_path / "my.urdf").write_text(urdf())
+    q, seen, _ = measured(80, truth={"z_joint_4": 2.0, "x_joint_5": -1.0, "zero_joint_3": 3e-3})
+    columns = dict(zip(NAMES, q.T, strict=True)) | dict(zip("xyz", seen.T, strict=True))
+    answer = calibrate(tmp_path / "my.urdf", columns, units=dict.fromkeys("xyz", "mm"))
+    zeros = {one.parameter: one.change for one in answer.parameters if one.parameter.startswith("zero_")}
+    assert zeros.pop("zero_joint_3") == pytest.approx(3e-3, abs=1e-3)
+    assert max(abs(change) for change in zeros.values()) < 1e-3

@@ -251,7 +251,7 @@ def test_a_target_that_was_put_elsewhere_is_told(tmp_path):
     other = forward(there.placed(there.mount, shift(0, 60, 90)), {}, q)[:, :3, 3]
     place[55:] = other[55:]
     file = written(tmp_path / "my.csv", chain, q, place)
-    said = r"25 of 80 poses, row 56 to row 80, fit .* the target sits [0-9.]+ mm elsewhere on the tool; use what"
+    said = r"25 of 80 poses, row 56 to row 80, fit .* the target sits [0-9.]+ mm elsewhere on its link; a column target"
     with pytest.raises(ValueError, match=said):
         problems.make("arm", urdf=UR10, data=file)
 
