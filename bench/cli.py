@@ -194,8 +194,9 @@ def _dispatch(argv: list[str]) -> int:
     with names_of_files(trust="--trust" in rest):
         code = call([word for word in rest if word != "--trust"])
     if classes := take_not_imported():  # that would have told more
-        (kind, name), more = next(iter(classes)), f" and {len(classes) - 1} more" if len(classes) > 1 else ""
+        named = ", ".join(f"the {kind} is {name}" for kind, name in [*classes][:3])
+        more = f" and {len(classes) - 3} more" if len(classes) > 3 else ""
         left_out = "; ".join(dict.fromkeys(what for whats in classes.values() for what in whats))
-        line = f"bench: {one_line(f'the {kind} is {name}{more}')}, which reading does not import; --trust does"
+        line = f"bench: {one_line(named + more)}, which reading does not import; --trust does"
         print(f"{line}. Left out: {left_out}" if left_out else line, file=sys.stderr)
     return code

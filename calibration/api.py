@@ -77,7 +77,7 @@ def design(
 
 
 def hand_eye(
-    pairs: Any, *, mounting: Mounting = "eye_in_hand", read: Read = "", rotation: Mapping[str, str] | None = None,
+    pairs: Any, *, mounting: Mounting = "eye_in_hand", read: Read = "", rotation: str | Mapping[str, str] = "",
     flange: Flange = "flange_in_base", board_scale: float | Literal["free"] = 1.0, sigma: float = 0.0,
     sigma_rotation: float = 0.0,
     columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None, names: Sequence[str] = (),
@@ -85,11 +85,13 @@ def hand_eye(
 ) -> HandEye:  # fmt: skip
     """Return the frames of a camera and of a board by `pairs` of poses, of the flange in the base and of the board.
 
-    Their columns are flange_x ... flange_qw, board_x ... board_qw, or angles rx, ry, rz; the options are those of
-    ``bench calibrate hand_eye=``. Raises `ValueError` in one line.
+    Their columns are flange_x ... flange_qw, board_x ... board_qw, or angles rx, ry, rz, in the order `rotation` of
+    both or of {"flange": ..., "board": ...}; the options are those of ``bench calibrate hand_eye=``. Raises
+    `ValueError` in one line.
     """
+    orders = dict.fromkeys(("flange", "board"), rotation) if rotation and isinstance(rotation, str) else rotation
     setup = Setup(
-        hand_eye=mounting, read=read, rotation=rotation or {}, sigma=sigma, sigma_rotation=sigma_rotation,
+        hand_eye=mounting, read=read, rotation=orders or {}, sigma=sigma, sigma_rotation=sigma_rotation,
         flange=flange, board_scale=1.0 if board_scale == "free" else board_scale,
         free_scale=board_scale == "free",
     )  # fmt: skip

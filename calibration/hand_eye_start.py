@@ -344,7 +344,9 @@ def _proposed(table: Table) -> str:
     for side, part in (("flange", names[:half]), ("board", names[half:])):
         last = [re.split(r"[ _.]", name.strip().lower())[-1] for name in part[3:]]
         turns = ["rz", "ry", "rx"] if last == ["a", "b", "c"] else ["rx", "ry", "rz"]  # A B C of a KUKA: z, y, x
-        turns = ["qx", "qy", "qz", "qw"] if len(last) == 4 else turns
+        if len(last) == 4:  # by their names, or in the order of ROS
+            ends = [name[-1:] for name in last]
+            turns = [f"q{end}" for end in (ends if sorted(ends) == sorted("wxyz") else "xyzw")]
         called |= {f"{side}_{axis}": name for axis, name in zip(("x", "y", "z", *turns), part, strict=True)}
     return f"if the columns stand in this order, flange first: {as_columns(called)}"
 

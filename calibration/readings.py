@@ -108,7 +108,7 @@ def table_of(
         given = dict(zip(names, numbers.T, strict=True))
     shapes = {key: column.shape for key, column in given.items()}
     if len(set(shapes.values())) != 1 or len(next(iter(shapes.values()))) != 1:
-        raise DataError(f"{name}: columns of one length are needed, and these have {shapes}")
+        raise DataError(f"{name}: columns of one length are needed, and these have {shapes or 'none'}")
     bare, in_names = heads(list(given))
     content = Columns(dict(zip(bare, given.values(), strict=True)), units=in_names)
     content = in_base_units(rename(content, columns or {}, units or {}, of=name))

@@ -221,6 +221,17 @@ def _in_mm(
             raise DataError(text, Note(Code.LEFT_HANDED, text, tuple(names.values())))
     if unit is not None:
         frames = solve.frames_of_positions(poses, readings.position, UNITS[unit])
+    if unit is None and source == "stated" and frames.apart <= APART * frames.reach:
+        pairs = (
+            (really, of)
+            for really, a in UNITS.items()
+            for of, b in UNITS.items()
+            if abs(frames.scale * b / a - 1) < NEAR
+        )
+        for really, of in pairs:
+            cure = as_units(names.values(), really)
+            text = f"{listed} are stated in {of}, and fit the arm when they are {really}: {cure}"
+            raise DataError(text, Note(Code.POSITION_UNIT, text, tuple(names.values()), values={"unit": really}))
     if unit is None or frames.apart > APART * frames.reach:
         apart = f"readings and nominal arm lie {plain(frames.apart, 3)} mm apart, wherever the frames are"
         raise _misfit(readings, chain, apart, limits)

@@ -55,7 +55,8 @@ class HandEyeRequest:
 
     def carry_out(self) -> HandEye:
         """Return the frames of camera and board. Raises `ValueError`, in one line."""
-        table = read_poses(self.data, self.units)
+        units = {self.columns.get(name, name): unit for name, unit in self.units.items()}
+        table = read_poses(self.data, units)
         return calibrate_hand_eye(table, self.setup, self.columns)
 
 

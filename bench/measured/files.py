@@ -284,7 +284,8 @@ def _metadata(path: Path, comment: str = "") -> dict[str, Any]:
     if beside.exists():
         try:
             text = data_file.text_of(data_file.read_whole(beside, data_file.LARGEST_METADATA))
-            stated = _checked(_json(text, beside.name))
+            content = _json(text, beside.name)
+            stated = {} if isinstance(content, list) else _checked(content)  # a list is no statement, but other data
         except OSError as error:
             why = error.strerror or _one_line(error)
             raise DataError(f"{beside.name} beside it cannot be read: {why}") from None

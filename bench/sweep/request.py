@@ -189,6 +189,11 @@ def _expand(
             continue
         if head in ("prob", "opt") and o.key_or_group.count(".") >= 2:
             continue
+        if head in ("prob", "opt"):  # as the tables call it, with the name of whose option it is between
+            group = "problem" if head == "prob" else "optimizer"
+            option = o.key_or_group.partition(".")[2] or "OPTION"
+            both = f"{group}.{option}= is that of every {group}, {head}.NAME.{option}= of one"
+            raise RequestError(f"unknown argument {o.key_or_group!r}; {both}")
         if head in ("n_jobs", "inner", "address"):
             raise RequestError(f"unknown argument {o.key_or_group!r}; did you mean 'execution.{head}'?")
         raise RequestError(

@@ -376,6 +376,10 @@ def swapped_joints(q, seen):
             "are taken for what the file states, and fit the arm when they are mm: units=x:mm,y:mm,z:mm",
         ),
         (
+            lambda q, s: table(q, s, ("x [inch]", "y [inch]", "z [inch]")),
+            "stated in inch, and fit the arm when they are mm",
+        ),
+        (
             lambda q, s: table(q, s, names=[f"{name} [deg]" for name in NAMES]),
             "with joints in rad, and not in degrees as the file states: units=joint_1:rad,",
         ),

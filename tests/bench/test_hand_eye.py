@@ -375,6 +375,23 @@ def test_names_of_the_users_own_are_told_with_all_columns_to_copy(bench, tmp_pat
     assert np.allclose(found["camera"]["position"], CAMERA[0], atol=1.0)
 
 
+def test_a_quaternion_is_proposed_by_its_letters_units_by_our_names_and_a_list_beside_a_table_is_no_statement(
+    bench, tmp_path
+):
+    flange, seen = measured(12, noise=NOISE)
+    robot, board = columns_of(flange, "flange", "m")[1], columns_of(seen, "board", "m", VECTOR)
+    first = [*range(3), 6, 3, 4, 5]  # the real part first
+    names = [*"xyz", "qw", "qx", "qy", "qz"]
+    write(tmp_path / "p.csv", (names, robot[:, first]), ([*(f"t{a}" for a in "xyz"), "rx", "ry", "rz"], board[1]))
+    (tmp_path / "p.json").write_text("[1, 2]")
+    line = bench("hand_eye=eye_in_hand", "data=p.csv", code=2)
+    (columns,) = shlex.split("columns=" + line.partition("columns=")[2])
+    units = "units=" + ",".join([f"{one}_{a}:m" for one in ("flange", "board") for a in "xyz"])
+    words = ("rotation=vector", f"{units},rx:rad,ry:rad,rz:rad")
+    found = json.loads(bench("hand_eye=eye_in_hand", "data=p.csv", columns, *words, "--json"))
+    assert np.allclose(found["camera"]["position"], CAMERA[0], atol=1.0)
+
+
 def test_a_b_c_of_a_kuka_are_proposed_as_turns_about_z_y_and_x(bench, tmp_path):
     flange, seen = measured(12, noise=NOISE)
     heads, numbers = columns_of(flange, "flange", turns=VECTOR)

@@ -134,6 +134,12 @@ def test_a_value_that_cannot_be_read_is_named_with_the_way_out(argument):
     assert parse([quoted])[0].value() == argument.partition("=")[2]  # what it proposes can be read
 
 
+def test_an_option_as_the_tables_call_it_is_told_with_both_of_its_words(call, tmp_path):
+    code, _, err = call("run", "problem=sensor_zero", "optimizer=de", "opt.population=8", f"results={tmp_path}")
+    assert code == 2
+    assert "optimizer.population= is that of every optimizer, opt.NAME.population= of one" in err
+
+
 @pytest.mark.parametrize("argument", ["=3", "a b=3", "é=3"])
 def test_a_key_that_cannot_be_one_is_unknown(argument):
     with pytest.raises(RequestError, match="unknown argument"):

@@ -96,6 +96,17 @@ def test_a_camera_on_the_hand_is_found():
     assert found.camera.position == pytest.approx(pairs.CAMERA[0], abs=1e-4)
 
 
+def test_one_order_of_angles_is_that_of_each_pose_that_has_angles():
+    flange, seen = pairs.measured(12)
+    (heads, robot), (names, board) = (
+        pairs.columns_of(flange, "flange"),
+        pairs.columns_of(seen, "board", turns=pairs.VECTOR),
+    )
+    numbers = np.column_stack([robot, board])
+    found = calibench.hand_eye(numbers, names=[*heads, *names], rotation="vector")
+    assert found.camera.position == pytest.approx(pairs.CAMERA[0], abs=1e-4)
+
+
 def test_what_is_no_table_is_refused_in_one_line(arm):
     for given, said in (
         ("my.csv", "columns by name"),
