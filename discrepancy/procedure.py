@@ -13,7 +13,17 @@ from calibench.core.process import one_thread
 from calibench.discrepancy import report as reports
 from calibench.discrepancy.checks.validate import listen, refuse_unused, validate
 from calibench.discrepancy.diagnostics.far_readings import Pattern, Standing, standing_out
-from calibench.discrepancy.diagnostics.noise import carried, law_at, learned_beside, noise_at, outliers_under, sound_fit
+from calibench.discrepancy.diagnostics.noise import (
+    beside_outlying,
+    carried,
+    law_at,
+    learned_beside,
+    noise_at,
+    outliers_under,
+    outlying_untold,
+    rows_far_off,
+    sound_fit,
+)
 from calibench.discrepancy.diagnostics.score import smallest_amplitude, uncancelled
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, joint_terms, smooth_columns, smooth_terms
 from calibench.discrepancy.effects import catalogue
@@ -35,7 +45,7 @@ from calibench.discrepancy.labels import quantity_of
 from calibench.discrepancy.model.effect import Catalogue, Effect, has_free_period
 from calibench.discrepancy.model.formulations import remarks_of
 from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.measured import MeasuredData
+from calibench.discrepancy.model.measured import MeasuredData, blamable
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.noise.laws import OF_NOISE, NoiseFinding
@@ -125,6 +135,10 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
     # none and noise mean small: not where far more is left, where readings far off are no noise, or rows stand out
     standing = standing_out(final if findings else base, unseen)
     if verdict in ("none", "noise"):
+        untold = any(map(np.ndim, base.noise.extra.values())) and all(s.family == "outlier" for s in suspects)
+        large = gap.held_out_before > current_thresholds().floors_left * gap.noise_floor
+        if standing is None and (untold or (large and not unknown_noise_of(whole))):
+            standing = rows_far_off(base, whole.on(whole.data.with_columns(smooth_columns(whole, base.x))))
         if _is_large(final, gap, unseen, suspects, standing) or (first.no_noise and standing is None):
             verdict, final = "unknown", fit_smooth(base, free)
             gap, lone = gap_of(base, final, unseen, suspects, rng)
@@ -362,6 +376,14 @@ def _selected(
             calm = select_stepwise(there, candidates, terms, rng, level)
             text = f"no pose is read again; {100 * share:.0f} % of the noise may be carried on, and is taken to be"
             return calm, there, suspects, (*notes, Note(Code.NOISE_CARRIED, text, values={"part": share}))
+    # a misfit that readings far off explain by themselves, wherever they are, is none of the machine
+    far = base.noise.profiled and not found.sets and judge(found, base, terms, suspects, level)[0] == "unknown"
+    if outside := outlying_untold(base) if far else ():
+        there = beside_outlying(base, outside)
+        if is_calm(there, candidates, terms, rng, level):
+            parts = {sensor.part for sensor in blamable(model.formulation.sensors)}
+            suspects = (*suspects, *(one for one in outside if one.target in parts))
+            return select_stepwise(there, candidates, terms, rng, level), there, suspects, notes
     # repeats that were approached from both sides differ by the play of a joint, which looks like wild readings: a
     # suspect that has less than one such reading beside the effects is cleared
     at, wild = found.fit, [s for s in suspects if s.family == "outlier"] if found.sets else []

@@ -101,7 +101,8 @@ def notes_of(search: Search, given: Iterable[Note]) -> tuple[Note, ...]:
         )
         notes.append(Note(Code.NO_TRENDS, text, columns))
     for s in best_of_each(first.names, first.on)[:1] if search.selection.alarm else ():
-        if s.m and not is_possible(s.effect, size := s.effect.amplitude(s.coefficients)):
+        size = s.effect.amplitude(s.coefficients)
+        if s.m and np.isfinite(size) and not is_possible(s.effect, size):
             unit = s.effect.unit
             shown = f"{plain(100 * abs(size))} %" if unit == "1" else f"{plain(abs(size))} {unit}"
             name = effect_label(search.machine, s.effect.family, s.effect.target)
@@ -158,9 +159,8 @@ def _on_the_readings(search: Search) -> Iterator[Note]:
         if standing.sensor:
             [sensor] = [s for s in formulation.sensors if s.column == standing.sensor]
             scale, unit = _LIKE_A_READING.get(sensor.unit, (1.0, sensor.unit))
-            by = (
-                f", as errors of {standing.sensor} of {plain(scale * standing.size, 2)} {unit} would make them".rstrip()
-            )
+            size = f"{plain(scale * standing.size, 2)} {unit}".rstrip()
+            by = f", as errors of {standing.sensor} of {size} would make them"
         text = (
             f"row{'s' * (count > 1)} {shown} stand{'s' * (count == 1)} out: {plain(standing.times, 2)} times the noise "
             f"off where no other rows are{by}; were they misread, or did something happen then?"

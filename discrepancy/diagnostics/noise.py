@@ -17,8 +17,8 @@ from scipy.special import fdtrc, gammainc, ndtr
 
 from calibench.core.notes import Code, Note
 from calibench.core.words import plain
-from calibench.discrepancy.diagnostics.far_readings import Pattern, columns_of, pattern_of
-from calibench.discrepancy.fitting.fit import Fit, fit, linearise, orthonormal, reading_order, readings_of
+from calibench.discrepancy.diagnostics.far_readings import Pattern, Standing, columns_of, pattern_of
+from calibench.discrepancy.fitting.fit import Fit, Linearised, fit, linearise, orthonormal, reading_order, readings_of
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured import blamable, kinds_of, sensor_of
 from calibench.discrepancy.model.model import Model, relearned, told_by_middle
@@ -66,6 +66,9 @@ _NOTHING, _FAR_LESS = 1e-4, 0.5  # times the stated noise: less than the first h
 _SEEN_FROM = 3.0  # standard deviations from which on a reading is seen to be far off
 _CHANCE = 1e-6  # that readings of the stated noise leave so little
 _SCALES = 0.7, 1.05  # between which noise is as stated
+_SETTLED = 3  # times that a law and the fit beside it are found anew
+_LIKELY = 0.9  # weight of a reading that is told to be far off
+_MOST_FAR = 0.3  # of the readings are far off: of more the rest tells no noise
 
 
 def less_than_stated(at: Fit) -> float | None:
@@ -88,7 +91,7 @@ def outlying(at: Fit) -> tuple[tuple[NoiseFinding, ...], tuple[Pattern, ...]]:
     found: list[NoiseFinding] = []
     no_noise: list[Pattern] = []
     columns: dict[str, Array] = {}
-    r, signatures = whitened(at)
+    r, signatures = whitened(at.at)
     for alike in kinds_of(blamable(formulation.sensors)):
         first, second = pairs_of(formulation.data)
         names = [sensor.column for sensor in alike]
@@ -168,16 +171,65 @@ def _are_beyond(whole: Array, each: Array, part: float = 1.0) -> bool:
     )
 
 
+def outlying_untold(at: Fit) -> tuple[NoiseFinding, ...]:
+    """Return the laws of readings far off in what a fit leaves, where no repeats tell of them; () where there is none.
+
+    They are few, further off than wider noise would put them, and anywhere: what time, place or a column carries is
+    no noise. They pull at the fit, so their law is that beside a fit that trusts them less.
+    """
+    formulation, columns = at.model.formulation, columns_of(at)
+    found: list[NoiseFinding] = []
+    sensors = {s.part or s.column: replace(s, part=s.part or s.column) for s in formulation.sensors}
+    while sensors:
+        there, own = beside_outlying(at, found), [*sensors.values()]
+        for _ in range(_SETTLED):
+            r, signatures = _left(there.model, there.x, found)
+            tried = [laws.outliers_of(formulation, one, r, signatures[one.column]) for one in own]
+            law = max(tried, key=lambda one: one.gain)
+            there, own = beside_outlying(at, [*found, law]), [sensors[law.target]]
+        column = sensors.pop(law.target).column
+        s, size = signatures[column], law.amplitude / float(np.median(formulation.sigma[column]))
+        square = float(np.sum((s * r).sum(axis=1) ** 2) / max(float(np.sum(s**2)), 1e-300))
+        wider = len(r) * (square - 1 - np.log(square)) if square > 1 else 0.0
+        if law.weights.mean() > _MOST_FAR or law.gain < wider + thresholds().wild_gain_one:
+            break
+        chance = 2 * ndtr(-_SEEN_FROM / np.sqrt(1 + size**2 * (s**2).sum(axis=1)))
+        others = {name: values for name, values in columns.items() if name != column}  # it is far off in its own
+        if pattern_of(law.target, law.weights, chance, others) is not None:
+            return ()
+        found.append(law)
+    return tuple(found)
+
+
+def beside_outlying(at: Fit, suspects: Sequence[NoiseFinding]) -> Fit:
+    """Return a fit again, with the readings that are suspected trusted less."""
+    noise = replace(at.noise, extra=_sum(at.noise.extra, *(s.extra for s in suspects)))
+    return fit(at.model, noise, at.x, about=at)
+
+
+def rows_far_off(at: Fit, whole: Formulation) -> Standing | None:
+    """Return the rows of `whole` that are far off by the laws of `outlying_untold`; None where repeats tell of them."""
+    if at.noise.from_repeats or not at.noise.profiled:
+        return None
+    alike = {name: variance for name, variance in at.noise.extra.items() if np.ndim(variance) == 0}
+    there = fit(Model(whole, at.model.effects), replace(at.noise, extra=alike), at.x)
+    wild = outlying_untold(there)
+    far = np.any([np.zeros(len(whole.data)), *(s.weights > _LIKELY for s in wild)], axis=0)
+    if not far.any():
+        return None
+    beside = beside_outlying(there, wild)
+    times = float(np.sqrt(np.mean((_left(beside.model, beside.x)[0][far] ** 2).max(axis=1))))
+    only = next(iter(wild[0].extra)) if len(wild) == 1 else ""
+    runs = tuple((int(row),) for row in np.sort(whole.data.row_numbers[far]))
+    fitted = np.isin(at.model.formulation.data.row_numbers, whole.data.row_numbers[far], invert=True)
+    return Standing(runs, times, only, wild[0].amplitude, fitted)
+
+
 def outliers_under(model: Model, x: Array, target: str) -> NoiseFinding:
     """Return the outlying readings of the sensor at `target` under a model at x, over all rows of its formulation."""
-    formulation = model.formulation
-    sensor = sensor_of(formulation.sensors, target)
-    readings = readings_of(model)
-    at = linearise(model, Noise(), x, readings, readings)
-    r = at.whiten(at.misclosure).reshape(at.misclosure.shape)
-    k = formulation.readings.index(sensor.column)
-    trace = at.whiten((at.reading_slopes * at.sigma[:, None, :])[:, :, k]).reshape(r.shape)
-    return laws.outliers_of(formulation, sensor, r, trace)
+    sensor = sensor_of(model.formulation.sensors, target)
+    r, signatures = _left(model, x)
+    return laws.outliers_of(model.formulation, sensor, r, signatures[sensor.column])
 
 
 def contamination(d: Array) -> float:
@@ -199,14 +251,19 @@ def _wider(values: Array, deviations: float) -> float:
     return spread if spread > 1 + deviations * laws.QUARTILES / np.sqrt(len(values)) else 1.0
 
 
-def whitened(at: Fit) -> tuple[Array, dict[str, Array]]:
-    """Return the whitened residuals, and the signature of a stated deviation of each blamable reading, (n, c) each."""
-    shape = at.at.misclosure.shape
+def whitened(at: Linearised) -> tuple[Array, dict[str, Array]]:
+    """Return the whitened residuals, and the signature of a stated deviation of each reading, (n, c) each."""
+    shape = at.misclosure.shape
     names = at.model.formulation.readings
-    blamed = {sensor.column for sensor in blamable(at.model.formulation.sensors)}
-    scaled = at.at.reading_slopes * at.at.sigma[:, None, :]
-    signatures = {name: at.at.whiten(scaled[:, :, k]).reshape(shape) for k, name in enumerate(names) if name in blamed}
-    return at.r.reshape(shape), signatures
+    scaled = at.reading_slopes * at.sigma[:, None, :]
+    signatures = {name: at.whiten(scaled[:, :, k]).reshape(shape) for k, name in enumerate(names)}
+    return at.whiten(at.misclosure).reshape(shape), signatures
+
+
+def _left(model: Model, x: Array, beside: Sequence[NoiseFinding] = ()) -> tuple[Array, dict[str, Array]]:
+    """Return what `whitened` does of a model at x, under the stated noise and the laws `beside` it."""
+    readings = readings_of(model)
+    return whitened(linearise(model, Noise(extra=_sum(*(s.extra for s in beside))), x, readings, readings))
 
 
 def sound_fit(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[Pattern, ...], tuple[Note, ...]]:
@@ -219,7 +276,7 @@ def sound_fit(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[Pattern,
     if added:
         at = fit(plain.model, Noise(extra=added), plain.x)
     # the sensors whose values have steps coarse enough to matter, for a fit under the stated noise
-    r, signatures = whitened(at)
+    r, signatures = whitened(at.at)
     formulation = at.model.formulation
     sensors = blamable(formulation.sensors)
     found = [laws.quantisation_of(formulation, sensor, r, signatures[sensor.column]) for sensor in sensors]

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from dataclasses import replace
 from hashlib import blake2b
 from pathlib import Path
 
@@ -51,6 +52,18 @@ def of_row(u, t, k, tau, mass):
 
 def jumps(inputs, parameters):
     return {name: np.round(y, 5) for name, y in answer(inputs, parameters).items()}
+
+
+def still(inputs, parameters):
+    return {name: 0 * inputs["u"] for name in ("y", "z")}
+
+
+def short(inputs, parameters):
+    return {name: y[:3] for name, y in answer(inputs, parameters).items()}
+
+
+def random(inputs, parameters):
+    return {name: y + 0.02 * np.random.standard_normal(len(y)) for name, y in answer(inputs, parameters).items()}
 
 
 def broken(inputs, parameters):
@@ -113,6 +126,32 @@ def test_a_simulator_keeps_the_laws_of_a_users_own_machine(spring, law):
 
 def test_a_sound_simulator_misses_nothing(spring):
     assert explain(simulator(spring), readings()).verdict == "none"
+
+
+def _far(rows: np.ndarray, held: bool) -> MeasuredData:
+    """Return sound readings, of which `rows` of z are off by 15 standard deviations, up and down in turn."""
+    data = readings()
+    z = np.array(data["z"])
+    z[rows] += 0.03 * np.where(np.arange(len(rows)) % 2, 1.0, -1.0)
+    columns = {name: data[name] for name in data.columns if held or name != "split"}
+    return MeasuredData({**columns, "z": z}, "simulator", {}, "spring")
+
+
+@pytest.mark.parametrize(("count", "held"), [(2, True), (2, False), (12, False)])
+def test_readings_far_off_anywhere_are_noise_without_repeats_and_told_by_row(spring, count, held):
+    rows = np.sort(np.random.default_rng(43).permutation(120)[:count])  # of two both are held out
+    report = explain(simulator(spring), _far(rows, held))
+    assert report.verdict == "noise"
+    assert [f.effect for f in report.findings] == ["outlier z"] * (count > 2)  # two are rows, and no law
+    assert all(f.amplitude.ci95[0] < 0.03 < f.amplitude.ci95[1] for f in report.findings)
+    [note] = [note for note in report.notes if note.code is Code.ROWS_STAND_OUT]
+    assert (note.rows, note.columns) == (tuple(str(row + 1) for row in rows), ("z",))
+
+
+def test_readings_far_off_in_a_run_or_at_one_end_of_an_input_are_no_noise_that_is_anywhere(spring):
+    for rows in (np.arange(70, 82), np.argsort(readings()["u"])[-12:]):
+        report = explain(simulator(spring), _far(rows, True))
+        assert not any(f.family == "outlier" for f in report.findings), report.verdict
 
 
 def test_the_general_families_are_looked_for_without_a_word_of_a_simulator(spring):
@@ -178,6 +217,26 @@ def local_of(level: float) -> LocalModel:
     caller = Caller(of_function(noisy(level), names, one=False), names, f"noisy{level}", one=False)
     variables = (Variable("x", True, 0, 0.9), Variable("a", False, 0, 2.0, 0.5, 2.5))
     return LocalModel(caller, x, variables, np.array([1.5]), np.array([1e-3]))
+
+
+def test_a_search_that_strays_calls_no_simulator_outside_its_bounds(spring):
+    asked = []
+
+    def bounded(inputs, parameters):
+        asked.append((float(parameters["a"]), float(np.max(np.abs(inputs["x"])))))
+        if parameters["a"] > 2.3:
+            raise ArithmeticError("no equilibrium")
+        return {"y": np.sin(inputs["x"]) * parameters["a"] ** 2}
+
+    local = local_of(0.0)
+    local.caller = replace(local.caller, simulator=of_function(bounded, local.caller.names, one=False), code="bounded")
+    local.prepare()
+    local.calibrate(2.25 * np.sin(local.inputs), np.full(60, True), np.array([True]))
+    x = local.inputs[:, 0]
+    for a, far in ((1.0, 1.0), (2.4, 1.0), (4.0, 1.0), (-6e162, 1.0), (1.5, 1e162), (np.nan, 1.0)):
+        local.predict(np.arange(60), {"a": np.array(a), "x": far * x})
+    assert all(0.5 <= a <= 2.5 and x < 2.2 for a, x in asked)
+    assert local.refused == "ArithmeticError: no equilibrium"
 
 
 @pytest.mark.parametrize("level", [1e-9, 1e-7, 1e-5])
@@ -342,7 +401,10 @@ def test_nothing_that_a_data_file_names_is_run(spring, tmp_path, capsys):
         ({"call": "answer", "parameters": {"k": (2.0, 3.0, 4.0)}}, "parameter k: .* nominal value, lower and upper"),
         ({"call": "answer", "inputs": ("v", "t")}, "v: no column of numbers"),
         ({"call": "answer", "sigma": {"x": 0.1}}, "machine.sigma: x is not measured"),
-        ({"call": "broken"}, r"failed at the nominal parameters: ArithmeticError: no equilibrium \(spring_"),
+        ({"call": "broken"}, r"nominal .* \(k = 2, tau = 0.5, mass = 0\): ArithmeticError: no equilibrium \(spring_"),
+        ({"call": "still"}, "the same whatever its inputs and parameters are"),
+        ({"call": "short"}, r"returned y of shape \(3,\): 120 rows need as many values"),
+        ({"call": "random"}, "the simulator's own noise, .* of y, is larger than that of its readings, 0.002"),
         ({"call": "not_there"}, "not_there"),
         ({"command": "./sim {args}"}, "machine.inputs= is missing"),
     ],

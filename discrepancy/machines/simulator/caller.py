@@ -75,7 +75,11 @@ def of_function(function: Callable[..., Any], names: Names, one: bool) -> Simula
                 raise DataError(f"the simulator returned {there}; {', '.join(lost)} is needed too")
             said = tuple(said[name] for name in names.outputs)
         if isinstance(said, tuple | list):
-            said = np.stack([np.broadcast_to(np.asarray(one, dtype=float), n) for one in said], axis=-1)
+            each = [np.asarray(one, dtype=float) for one in said]
+            for name, one in zip(names.outputs, each):
+                if one.shape not in ((), (1,), (n,)):
+                    raise DataError(f"the simulator returned {name} of shape {one.shape}: {n} rows need as many values")
+            said = np.stack([np.broadcast_to(one, n) for one in each], axis=-1)
         table, m = np.asarray(said, dtype=float), len(names.outputs)
         table = table.reshape(n, -1) if table.ndim < 2 and table.size == n * m else table
         if table.shape != (n, m):

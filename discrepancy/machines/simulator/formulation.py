@@ -119,7 +119,8 @@ class SimulatorMachine:
             where = f"{Path(at.filename).name}, line {at.lineno}"
             one_row = "" if known.one else "; it is given all rows at once: machine.rows=one calls it for each"
             said = f"{type(error).__name__}: {one_line(str(error))} ({where})"
-            raise DataError(f"the simulator failed at the nominal parameters: {said}{one_row}") from error
+            nominal = ", ".join(f"{p} = {limits[0]:g}" for p, limits in numbers.items())
+            raise DataError(f"the simulator failed at the nominal parameters ({nominal}): {said}{one_row}") from error
         local.prepare()
         seen = np.stack([np.asarray(data[y], dtype=float) for y in measured], axis=-1)
         local.calibrate(seen, data.fitted, np.array([*free.values()], dtype=np.bool_))
@@ -263,6 +264,7 @@ class _OnRows:
             f"the simulator was called for {counted(known.rows, 'row')}, {times} times the table, {known.run} of them "
             f"{how}, the others had been kept; its own noise is {noise:.1g} times that of the readings"
         )
+        text += f"; what led to where it fails ({local.refused}) is not taken" * bool(local.refused)
         values = {"rows": known.rows, "run": known.run, "seconds": known.seconds, "noise": noise}
         return (Note(Code.SIMULATOR_CALLS, text, values=values),)
 

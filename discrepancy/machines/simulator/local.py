@@ -81,6 +81,7 @@ class LocalModel:
     mixed: dict[tuple[str, str], Array] = field(default_factory=dict)  # of two parameters: they make up for each other
     reaches: dict[str, Array] = field(default_factory=dict)  # the root of a curvature, rms over the rows, (m,)
     places: list[Place] = field(default_factory=list)
+    refused: str = ""  # what it said where it failed first, within its bounds
 
     def prepare(self) -> None:
         """Call the simulator as it is, and tell what it can be asked for, its noise, and the steps of differences."""
@@ -101,6 +102,12 @@ class LocalModel:
             self.independent = bool((apart <= 1e-9 * size).all())
         rows = few if self.independent else np.arange(n)
         self.noise = np.maximum(self._own_noise(rows), _TINY * size)
+        if (loud := np.flatnonzero(self.noise > self.scale)).size:
+            name, own, read = self.caller.names.outputs[loud[0]], self.noise[loud[0]], self.scale[loud[0]]
+            raise DataError(
+                f"the simulator's own noise, {own:.2g} of {name}, is larger than that of its readings, {read:.2g}: "
+                "asked the same again it answers otherwise; fix its random numbers, or tighten its solver's tolerance"
+            )
         if len(few) < n and not self.independent:  # a noise of its own is no dependence
             self.independent = bool((apart <= 10 * self.noise + 1e-9 * size).all())
         if self.independent:
@@ -159,6 +166,10 @@ class LocalModel:
         self.parameters, self.places = last.parameters[0], [last, *self.places[:-1]]
         self.scale = np.where(told, self.scale, np.maximum(self.scale, self.noise))
         self._differentiate([v for v in self.variables if v.name in self.steps], last)
+        if not any(np.any(slope) for slope in self.slopes.values()):
+            raise DataError(
+                "the simulator answers the same whatever its inputs and parameters are: does it read what it is given?"
+            )
 
         # the mixed curvatures of parameters: those that make up for each other move far together
         p, pairs = last.parameters[0], [(a, b) for k, a in enumerate(names) for b in names[:k]]
@@ -174,12 +185,13 @@ class LocalModel:
             sure = np.isfinite(bend) & (np.abs(bend) > 4 * self.noise / abs(area))
             self.mixed[a.name, b.name] = np.where(sure, bend, 0.0)
 
+    @np.errstate(over="ignore", invalid="ignore")  # far beyond all that was read, which a fit refuses
     def predict(self, rows: NDArray[np.intp], q: Quantities) -> Array:
         """Return the prediction, (n, m), for `rows` of the table, -1 for one that it does not have, at quantities q."""
         inputs, parameters = self._asked(len(rows), q)
         if (rows < 0).any() or not self.slopes:
             return self._called(rows, inputs, parameters)
-        best, least = None, math.inf
+        best, least = self.places[0], math.inf
         away = self._parts(rows, inputs, parameters, self.places[0])
         for place in reversed(self.places):
             if np.isnan(place.values[rows, 0]).any():
@@ -192,14 +204,13 @@ class LocalModel:
                 best, least = place, error
         same = parameters.ndim == 1 or bool(np.ptp(parameters, axis=0).max(initial=0.0) == 0)
         able = same or self.takes_rows or self.caller.one
-        if best is None or (least > _TRUST and able):
+        if least > _TRUST and able and self._at_home(inputs, parameters):
             try:
                 values = self._called(rows, inputs, parameters)
             except Exception as error:  # whatever a simulator does far from where it is at home
-                if best is None:
-                    raise DataError(f"the simulator failed: {type(error).__name__}: {one_line(str(error))}") from error
+                self.refused = self.refused or f"{type(error).__name__}: {one_line(str(error))}"
                 values = np.full((len(rows), len(self.scale)), np.nan)
-            if np.isfinite(values).all() or best is None:
+            if np.isfinite(values).all():
                 n, m = len(self.inputs), values.shape[1]
                 whole = Place(self.inputs.copy(), np.tile(self.parameters, (n, 1)), np.full((n, m), np.nan))
                 whole.inputs[rows], whole.parameters[rows], whole.values[rows] = inputs, parameters, values
@@ -238,6 +249,17 @@ class LocalModel:
                 found[a] = found[a] + bend[rows] * away[b][:, None]
                 found[b] = found[b] + bend[rows] * away[a][:, None]
         return {v.name: found.get(v.name, np.zeros((len(rows), m))) for v in self.variables}
+
+    def _at_home(self, inputs: Array, parameters: Array) -> bool:
+        """Return whether parameters are within their bounds, and inputs at most their range beyond what was read."""
+        for v in self.variables:
+            asked, beyond = (inputs if v.is_input else parameters)[..., v.at], 0.0
+            lower, upper = v.lower, v.upper
+            if v.is_input:
+                lower, upper, beyond = float(self.inputs[:, v.at].min()), float(self.inputs[:, v.at].max()), v.width
+            if not ((asked >= lower - beyond) & (asked <= upper + beyond)).all():
+                return False
+        return True
 
     def _asked(self, n: int, q: Quantities) -> tuple[Array, Array]:
         """Return inputs (n, k) and parameters, (p,) or (n, p) where an effect changes them from row to row."""
@@ -305,9 +327,14 @@ class LocalModel:
             return h, -h
         return (h, 2 * h) if p[v.at] - h < v.lower else (-h, -2 * h)
 
+    def _inward(self, v: Variable) -> float:
+        """Return the sign of a change of a variable that leaves it within its limits."""
+        return -1.0 if not v.is_input and self.parameters[v.at] + _LONGEST * v.width > v.upper else 1.0
+
     def _own_noise(self, rows: NDArray[np.intp]) -> Array:
         """Return the standard deviation of the simulator's own noise in each output, (m,)."""
-        here, width = self.inputs[rows], np.array([v.width for v in self.variables if not v.is_input])
+        here, own = self.inputs[rows], [v for v in self.variables if not v.is_input]
+        width = np.array([self._inward(v) * v.width for v in own])
         questions = [(here, self.parameters + _NEAR * k * width) for k in range(_TABLE)]
         if not len(width):
             [u] = [v for v in self.variables if v.is_input][:1]
