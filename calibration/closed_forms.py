@@ -6,14 +6,14 @@ All weigh each pair alike and find rotations first. How far noise alone has them
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import final
 
 import numpy as np
 
 from calibench.calibration.frames import nearest_rotation
-from calibench.calibration.hand_eye_fit import Adjustment, Sight, axes_of
+from calibench.calibration.hand_eye_fit import Adjustment, Sight
 from calibench.calibration.rigid import Array, inverse, rotation_of, vector_of
 from calibench.core.words import plain
 
@@ -64,7 +64,7 @@ def closed_forms(found: Adjustment) -> tuple[ClosedForm, ...]:
     # what the board would be seen at with the noise of `found`, drawn anew
     sight: Sight = found.sight.at(near)
     true = found.mount @ sight.moved(found.offset) @ found.tool
-    axes = axes_of(replace(found, sight=sight)).swapaxes(1, 2)
+    axes = found.axes[near].swapaxes(1, 2)
     rng = np.random.default_rng(np.random.SeedSequence([len(true), 18]))
     drawn = []
     for noise in rng.normal(size=(_DRAWS, len(true), 6)) * found.noise[found.groups]:

@@ -290,7 +290,7 @@ def rms_interval(
     mean = float((errors[there] ** 2).mean())
     if not mean > 0:
         return 0.0, 0.0
-    own = max(float(means.var(ddof=1)) / len(means) / mean**2, 2 * alone / (numbers * len(means)))
+    own = max(float(means.var(ddof=1)) / len(means) / mean**2, 2 * alone / (numbers * there.sum()))
     common = own * shared / alone
     low, high = np.sqrt(ahead * mean * fdtri(2 / max(common, _NONE), 2 / (own + common), [0.025, 0.975]))
     return float(low), float(high)

@@ -91,7 +91,8 @@ class Adjustment:
     An error is a shift [mm] and a turn [rad] behind mount and tool, then of what is `free` beside them. `noise` (g,) is
     that of each group of the axes, `groups` (6,), and its degrees of `freedom` (g,) are infinite where it was stated.
     `wild` (n,) are pairs without influence; `position` and `turned` (n, 3) [mm], [rad] what is left.
-    `alike` (g,) is how far neighbours in order of rows agree, 0 where noise alone does so.
+    `axes` (n, 6, 6) turns residuals into the axes of the noise. `alike` (g,) is how far neighbours in order of rows
+    agree, 0 where noise alone does so.
     """
 
     sight: Sight
@@ -107,6 +108,7 @@ class Adjustment:
     wild: Mask
     position: Array
     turned: Array
+    axes: Array
     alike: Array = field(default_factory=lambda: np.zeros(2))
 
     @property
@@ -134,13 +136,14 @@ def adjust(
         sight=sight, mount=mount, tool=tool, offset=offset, scale=1.0, free=free, parts=np.zeros((2, 12, 12)),
         noise=np.where(known > 0, known, [1.0, 1e-3]), freedom=np.full(2, np.inf), groups=_WHOLE,
         wild=np.zeros(n, dtype=bool) if near is None else ~near, position=position, turned=turned,
+        axes=np.tile(np.eye(6), (n, 1, 1)),
     )  # fmt: skip
     found = _settle(begin, known)
 
     # the axes of noise are apart where what is left of them differs more than noise would
     kept, groups = ~found.wild, _WHOLE.copy()
     if kept.sum() >= _ROWS:
-        as_apart = replace(found, groups=_APART, noise=found.noise[[0, 1, 0, 1]])
+        as_apart = _turned(replace(found, groups=_APART, noise=found.noise[[0, 1, 0, 1]]))
         found_apart = _with_noise(as_apart, _left(as_apart), np.zeros(4))
         for k in (0, 1):
             along, across = found_apart.noise[k], found_apart.noise[k + 2]
@@ -216,14 +219,15 @@ def again(found: Adjustment, keep: Mask) -> Adjustment:
     """Return the fit to the pairs of `keep` (n,) alone, with the noise and the weights of the fit to all."""
     sight = found.sight.at(keep)
     position, turned = found.errors(sight)
-    return _step_down(replace(found, sight=sight, wild=found.wild[keep], position=position, turned=turned))
+    wild, axes = found.wild[keep], found.axes[keep]
+    return _step_down(replace(found, sight=sight, wild=wild, position=position, turned=turned, axes=axes))
 
 
 def _settle(found: Adjustment, stated: Array) -> Adjustment:
     """Return the fit under the noise that it leaves; `stated` (g,) is that which is known, 0 to learn it."""
     for _ in range(_ROUNDS):
         before = found
-        found = _step_down(found)
+        found = _step_down(_turned(found))
         left = _left(found)
         size = np.linalg.norm((left / found.noise[found.groups]).reshape(-1, 2, 3), axis=2)
         middle = np.median(size[~found.wild], axis=0)
@@ -285,22 +289,25 @@ def _errors(sight: Sight, mount: Array, tool: Array, offset: float, scale: float
     return position, vector_of(poses[:, :3, :3] @ sight.seen[:, :3, :3].swapaxes(1, 2))
 
 
-def axes_of(found: Adjustment) -> Array:
-    """Return what turns residuals into axes of the noise, (n, 6, 6): line of sight and across, normal and across."""
-    made = np.zeros((len(found.sight.seen), 6, 6))
-    made[:, :3, :3] = made[:, 3:, 3:] = np.eye(3)
-    if len(found.noise) > 2:
-        way, turns = found.sight.seen[:, :3, 3], found.sight.seen[:, :3, :3]
-        way = way / (np.linalg.norm(way, axis=1, keepdims=True) + _FLOOR)
-        basis = np.linalg.qr(np.concatenate([way[:, :, None], np.tile(np.eye(3), (len(way), 1, 1))], axis=2))[0]
-        made[:, :3, :3] = basis.swapaxes(1, 2)
-        made[:, 3:, 3:] = turns[:, :, [2, 0, 1]].swapaxes(1, 2)
-    return made
+def _turned(found: Adjustment) -> Adjustment:
+    """Return the fit with the axes of its noise: line of sight and across, the board's normal and across.
+
+    They are those of where the board is by the fit. Of what was seen, noise would turn them, and where it is larger
+    along them than across that moves the frames.
+    """
+    if len(found.noise) == 2:
+        return found
+    axes, board = np.zeros_like(found.axes), found.mount @ found.sight.moved(found.offset) @ found.tool
+    way = board[:, :3, 3] / (np.linalg.norm(board[:, :3, 3], axis=1, keepdims=True) + _FLOOR)
+    basis = np.linalg.qr(np.concatenate([way[:, :, None], np.tile(np.eye(3), (len(way), 1, 1))], axis=2))[0]
+    axes[:, :3, :3] = basis.swapaxes(1, 2)
+    axes[:, 3:, 3:] = board[:, :3, [2, 0, 1]].swapaxes(1, 2)
+    return replace(found, axes=axes)
 
 
 def _left(found: Adjustment) -> Array:
     """Return what is left of the pairs in the axes of the noise, (n, 6)."""
-    return np.asarray((axes_of(found) @ np.column_stack([found.position, found.turned])[:, :, None])[:, :, 0])
+    return np.asarray((found.axes @ np.column_stack([found.position, found.turned])[:, :, None])[:, :, 0])
 
 
 def _slopes(found: Adjustment) -> tuple[Array, Array]:
@@ -328,7 +335,7 @@ def _slopes(found: Adjustment) -> tuple[Array, Array]:
             ]
             rows[:, :, k] = (ends[0] - ends[1]) / (2 * h)
     over = np.where(found.wild[:, None], 0.0, 1 / found.noise[found.groups])
-    axes = axes_of(found) * over[:, :, None]
+    axes = found.axes * over[:, :, None]
     return axes @ rows, _left(found) * over
 
 

@@ -17,6 +17,7 @@ import re
 import runpy
 import shlex
 import shutil
+import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -86,10 +87,10 @@ def printed(command: str) -> str:
     wrong = _PROGRESS.sub("", errors.getvalue())
     if wrong:
         raise RuntimeError(f"{command}: {wrong}")
-    lines = said.getvalue().rstrip("\n").split("\n")
+    text = said.getvalue()
     for pipe in pipes:
-        verb, wanted = shlex.split(pipe)
-        lines = [line for line in lines if wanted in line] if verb == "grep" else lines[int(wanted) :]
+        text = subprocess.run(shlex.split(pipe), input=text, stdout=subprocess.PIPE, text=True, check=True).stdout
+    lines = text.rstrip("\n").split("\n")
     return "".join(f"{line.rstrip()}\n" for line in lines if line or len(lines) > 1)
 
 

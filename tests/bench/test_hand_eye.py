@@ -500,6 +500,15 @@ def test_noise_along_the_line_of_sight_has_less_say_than_across():
     assert better == 10
 
 
+def test_noise_along_the_line_of_sight_moves_no_frame():
+    """Lines to where the board is seen are turned by noise across them, which looks like a board further away."""
+    sight, mount, tool = model(2000, "eye_in_hand", (12.0, 0.002))
+    way = sight.seen[:, :3, 3] / np.linalg.norm(sight.seen[:, :3, 3], axis=1)[:, None]
+    sight.seen[:, :3, 3] += way * np.random.default_rng(0).normal(0, 60, (2000, 1))
+    camera, _ = frames_of(adjust(sight, mount, tool), "eye_in_hand")
+    assert (np.abs(np.subtract(camera.position, CAMERA[0])) < 2 * np.array(camera.position_se)).all()
+
+
 def test_a_scale_that_is_free_is_fitted_beside_the_frames(calibrate):
     flange, seen = measured(20, noise=NOISE)
     seen[:, :3, 3] *= 1.4

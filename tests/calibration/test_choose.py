@@ -169,12 +169,13 @@ def test_other_poses_have_less_than_those_of_a_fold_whose_fit_has_fewer(fits) ->
     assert np.mean(told) < 0.975
 
 
-@pytest.mark.parametrize("n", [12, 60])
-def test_the_interval_of_an_error_covers(n: int) -> None:
+@pytest.mark.parametrize(("n", "targets"), [(12, 1), (60, 1), (40, 3)])
+def test_the_interval_of_an_error_covers(n: int, targets: int) -> None:
     rng = np.random.default_rng(n)
     covered = 0
     for _ in range(400):
-        low, high = rms_interval(np.linalg.norm(rng.normal(size=(n, 3)), axis=1), np.arange(n))
+        errors = np.linalg.norm(rng.normal(size=(n * targets, 3)), axis=1)
+        low, high = rms_interval(errors, np.repeat(np.arange(n), targets))
         covered += low <= np.sqrt(3) <= high
     assert 0.93 <= covered / 400 <= 0.97
 
