@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
@@ -116,3 +117,12 @@ def test_functions_of_columns_say_what_pyarrow_says():
     with pytest.raises(pa.ArrowInvalid):
         arrays.cast(pa.array([1.5]), pa.int64())
     assert arrays.cast(pa.array([1.5]), pa.int64(), safe=False).to_pylist() == [1]
+
+
+def test_texts_as_dictionaries_are_read_as_texts_whatever_each_part_lists_first():
+    texts = [["a", None, "b"], ["b", "c"]]
+    apart = pa.chunked_array([pa.array(some).dictionary_encode() for some in texts])
+    assert plain(apart) == plain(pa.chunked_array(texts)) == ["a", None, "b", "b", "c"]
+    tables = [pa.table({"t": column}) for column in (apart, pa.chunked_array(texts))]
+    pd.testing.assert_frame_equal(*map(arrays.to_pandas, tables))
+    assert arrays.joined(tables)["t"].to_pylist() == plain(apart) * 2

@@ -19,6 +19,7 @@ from calibench.bench.statistics.cells import METHOD, PROBLEM
 from calibench.bench.statistics.names import name_of_each
 from calibench.bench.statistics.summary import outside_box, success_interval
 from calibench.bench.statistics.targets import COLUMN, with_lowest_seen
+from calibench.bench.store.columns import plain
 from calibench.bench.store.manifest import remaining_by_budget
 from calibench.core.words import counted
 
@@ -59,7 +60,7 @@ def answer_of(
     judged = with_lowest_seen(runs if planned.empty else planned, traces)
     if cells is None or len(judged) < len(runs) or (COLUMN not in runs and judged[COLUMN].any()):
         cells = stats.summary(judged)
-    return answer(judged, cells, names[judged.index], remaining_by_budget(manifest, set(runs["run_id"])))
+    return answer(judged, cells, names[judged.index], remaining_by_budget(manifest, {*plain(runs["run_id"])}))
 
 
 def answer(

@@ -31,6 +31,7 @@ from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.statistics.ranking import Ranked
 from calibench.bench.statistics.summary import key_of_costs, priced
 from calibench.bench.store.arrays import HITS_SCHEMA, TRACES_SCHEMA
+from calibench.bench.store.columns import plain
 from calibench.bench.store.manifest import in_other_shards
 from calibench.core.registry import about
 from calibench.core.words import plural
@@ -74,7 +75,7 @@ class StudyPage:
         sections = []
         described = {
             name: about(problems.registry.factories()[name]).replace("`", "")
-            for name in set(runs["problem"]) & set(problems.registry.names())
+            for name in {*runs["problem"].unique()} & {*problems.registry.names()}
         }
         for title, group in groups.items():
             by_error = html_tables.by_error(group)
@@ -97,7 +98,7 @@ class StudyPage:
             )  # fmt: skip
             panels += mine
         # the runs of this sweep that other shards have and this study has not
-        others = in_other_shards(self.manifest, set(runs["run_id"])) if self.manifest else set()
+        others = in_other_shards(self.manifest, {*plain(runs["run_id"])}) if self.manifest else set()
         beside = {name: caption for name, caption in self.captions.items() if name in self.drawings}
         links = {"all problems together": "#suite", "each problem": "#contents"}
         links |= {section.link: f"#{section.anchor}" for section, _ in self.sections}
@@ -176,7 +177,7 @@ def headline(
     budgets = [count(b) for b in sorted(set(runs["budget"].dropna()))]
     cells = runs.groupby(CELL, dropna=False).size()
     seeds = str(cells.max()) if cells.min() == cells.max() else f"{cells.min()} to {cells.max()}"
-    to_do, away = len(set(planned) - set(runs["run_id"])), len(in_other_shards)
+    to_do, away = len({*planned} - {*plain(runs["run_id"])}), len(in_other_shards)
     methods, problems = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
     facts = [  # a number, what it counts, and "bad" where it has a mark
         (count(len(runs)), plural("run", len(runs)), ""),
