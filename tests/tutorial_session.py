@@ -45,7 +45,7 @@ PICTURES = {
 }  # in docs <- as the first page's commands leave it
 
 _BLOCK = re.compile(r"```(python|yaml|console)([^\n]*)\n(.*?)```", re.DOTALL)
-_PROGRESS = re.compile(r"^ +\d+/\d+ runs, .*\n", re.MULTILINE)  # of a sweep, on stderr
+_PROGRESS = re.compile(r"^ +(\d+/\d+ runs, |searching ).*\n", re.MULTILINE)  # of a sweep or a search, on stderr
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e-?\d+)?(?: %)?")
 
 

@@ -8,12 +8,15 @@ them, further poses or a second sensor: their distance follows from the data the
 
 import os
 import shlex
+import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from time import process_time
+from threading import Event, Thread
+from time import monotonic, process_time
 from typing import Any, Literal, final
 
 import numpy as np
@@ -33,7 +36,7 @@ from calibench.core.notes import Code, Note
 from calibench.core.options import Option, coerce, declared_options, read_word, suggest
 from calibench.core.seeds import digest
 from calibench.core.sources import module_digest
-from calibench.core.words import one_line
+from calibench.core.words import one_line, print_plain
 from calibench.discrepancy.checks.validate import refuse_no_machine
 from calibench.discrepancy.design.detectability import Design, design
 from calibench.discrepancy.design.next_poses import NextPoses, NoPool, UnknownRival, next_poses
@@ -277,7 +280,10 @@ def search_all(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcom
         store.open(request.command)
     try:
         if request.workers == 1 or alone or not CAN_FORK:
-            yield from map(search, listed)
+            for one in listed:
+                with _telling(one.case):
+                    outcome = search(one)
+                yield outcome
         else:
             with WorkerPool(partial(search, sent=True), min(request.workers, len(listed))) as pool:
                 pool.begin(listed)
@@ -286,6 +292,29 @@ def search_all(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcom
     finally:
         if request.folder.is_dir():
             store.collect()
+
+
+_SOON, _EVERY = 5.0, 30.0  # s of a search after which its first line, and each further one, is told
+
+
+@contextmanager
+def _telling(case: str) -> Iterator[None]:
+    """Tell on the terminal, while a search takes long, that it goes on."""
+    began, ended = monotonic(), Event()
+
+    def tell() -> None:
+        pause = _SOON
+        while not ended.wait(pause):
+            pause, took = _EVERY, monotonic() - began
+            print_plain(f"  searching {case}, {took:.0f} s so far", file=sys.stderr, flush=True)
+
+    thread = Thread(target=tell, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 def others_of(named: str, machine: str) -> list[Source]:

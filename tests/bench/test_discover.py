@@ -98,6 +98,12 @@ def test_the_digest_of_a_search_is_of_the_code_that_makes_its_effects(monkeypatc
     assert modules >= {"calibench.discrepancy.machines.gpm2002.effects", *general}
 
 
+def test_a_search_that_takes_long_says_on_the_terminal_that_it_goes_on(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(batch, "_SOON", 0.0)
+    _, _, err = call(f"discover machine=gpm2002 data=demo_backlash results={tmp_path} pages=none", capsys)
+    assert err.startswith("  searching demo_backlash, ")
+
+
 def test_json_is_a_line_a_file_in_order_and_nothing_else(results, folder, capsys):
     code, out, _ = call(f"discover machine=gpm2002 data={folder} results={results} --json", capsys)
     assert code == 1

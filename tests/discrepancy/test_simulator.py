@@ -18,6 +18,7 @@ import pytest
 
 from calibench import testing
 from calibench.bench.cli import main
+from calibench.bench.discovery.page.words import headline
 from calibench.core.notes import Code
 from calibench.discrepancy import DataError, MeasuredData, explain, machines
 from calibench.discrepancy.effects import catalogue
@@ -117,6 +118,7 @@ def test_what_is_hidden_at_inputs_parameters_and_outputs_is_named_and_closes_the
     named = [{rival.effect for rival in finding.set} | {finding.effect} for finding in report.findings]
     assert any(name in names for names in named), (report.verdict, named)
     assert report.gap.held_out_after < 1.25 * report.gap.noise_floor < report.gap.held_out_before
+    assert ("at the end of box" in headline(report)) == ("over box" in name)  # where a size holds that is none a unit
 
 
 @pytest.mark.parametrize("law", testing.MACHINE_LAWS, ids=lambda law: law.__name__)
@@ -414,6 +416,21 @@ def test_what_does_not_fit_is_one_line(spring, options, message):
         options = {**options, "call": f"{spring}:{options['call']}"}
     with pytest.raises((DataError, ValueError), match=message):
         machines.make("simulator", **options).formulate(readings())
+
+
+def test_an_input_in_seconds_is_the_time_within_a_trial_unless_another_is_stated(spring):
+    data = replace(readings(), units={"t": "s"})
+    read = simulator(spring).formulate(data)
+    assert {"instrument_lag y", "instrument_lag z"} <= {name_of(effect) for effect in catalogue(read).candidates}
+    assert [note.columns for note in read.data.notes if "machine.time=" in note.text] == [("t",)]
+    assert "rate of y" not in simulator(spring, time="box").formulate(data).data
+    hints = {
+        one.reason
+        for one in catalogue(simulator(spring).formulate(readings())).untestable
+        if one.family == "instrument_lag"
+    }
+    assert all("machine.time=" in hint for hint in hints)
+    assert hints
 
 
 def test_the_report_predicts_new_rows_and_says_how_often_it_called(spring):

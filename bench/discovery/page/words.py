@@ -35,6 +35,7 @@ _SHOWS = 0.01  # p below which a place is reported
 _LESS = 0.8  # of the weight of the last name told: a next one above it is as likely
 TRUSTED_LESS = "these readings are trusted less; no error of the machine was corrected."
 UNTOUCHED = "no error of the machine was corrected."
+_AT_ITS_END = ("parameter_over", "output_gain")  # their size is that where the column is furthest from its mean, or 0
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
 
 
@@ -450,6 +451,8 @@ def _claim(machine: str, finding: Finding, brief: bool = False) -> str:
     own = (finding.family, finding.target)  # the name whose size is told
     size = size_of(finding, brief)
     about = f", {_NOISE.get(finding.family, '')} {size}".replace("  ", " ") if size else ""
+    if finding.family in _AT_ITS_END and size:
+        about += f" at the end of {finding.target.partition(' over ')[2]}"
     about += "".join(f", {words}" for words in (_free_period(finding, brief), _begins(finding)) if words)
 
     def member(rival: Rival) -> str:

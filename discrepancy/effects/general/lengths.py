@@ -197,7 +197,7 @@ def _scale(family: EffectFamily, formulation: Formulation, target: str) -> Built
 
 def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     [instrument] = named(roles_of(formulation).instruments, target)
-    declared("".join(instrument.velocity[:1]), target, "velocity of what it measures")
+    declared("".join(instrument.velocity[:1]), target, "velocity of what it measures, and no time (machine.time=)")
     needs(formulation.data, *instrument.velocity)
     pairs = dict(zip(instrument.columns, instrument.velocity))
     return family.linear(

@@ -86,6 +86,11 @@ class SimulatorMachine:
             raise DataError(f"{data.name}: {there[0]}: no column of numbers; {suggest(there[0], numbers_of(data))}")
         deviations = [s for s in measured.values() if isinstance(s, str)]
         clock = self.time or ("t_s" if "t_s" in data else "")
+        of_trial = [u for u in inputs if data.units.get(u) == "s"]
+        if not clock and len(of_trial) == 1:
+            [clock] = of_trial
+            text = f"{clock}, in seconds, is taken for the time within a trial, along which outputs may be late"
+            data = data.with_note(Code.FILE, f"{text}; state machine.time= where it is another", (clock,))
         data = complete(data, (*measured, *inputs, *deviations, *((clock,) if clock else ())))
         data = _moved(data, inputs, clock)
         table = np.column_stack([np.zeros((len(data), 0)), *(np.asarray(data[u], dtype=float) for u in inputs)])
