@@ -471,6 +471,8 @@ class _Search:
         One product of matrices serves all quantities. Lengths, and what calibration absorbs of them, are the same
         beside any terms and are computed once.
         """
+        if not self.own:  # nothing that may err has a column of its own
+            return {}
         p, more = self.first.Q.shape[1], on.Q.shape[1] - self.first.Q.shape[1]
         pulls = {name: self._pull(name, on, extra) for name in self.own}
         fresh = np.concatenate([pull[:, p:] for pull in pulls.values()], axis=1)
