@@ -136,8 +136,7 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
     standing = standing_out(final if findings else base, unseen)
     if verdict in ("none", "noise"):
         untold = any(map(np.ndim, base.noise.extra.values())) and all(s.family == "outlier" for s in suspects)
-        large = gap.held_out_before > current_thresholds().floors_left * gap.noise_floor
-        if standing is None and (untold or (large and not unknown_noise_of(whole))):
+        if standing is None and (untold or _is_large(final, gap, unseen, suspects, None)):
             standing = rows_far_off(base, whole.on(whole.data.with_columns(smooth_columns(whole, base.x))))
         if _is_large(final, gap, unseen, suspects, standing) or (first.no_noise and standing is None):
             verdict, final = "unknown", fit_smooth(base, free)
