@@ -132,6 +132,12 @@ class Noise:
         return float(r.size * constant - 0.5 * self.cost(r))
 
 
+def _solved(band: Array, columns: Array, trans: str = "N") -> Array:
+    if not columns.size:  # SciPy's dtbtrs writes beyond an array of no columns
+        return columns
+    return np.asarray(dtbtrs(band, np.asfortranarray(columns), uplo="L", trans=trans)[0])
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class Whitener:
@@ -144,9 +150,8 @@ class Whitener:
         """Return L^-1 times `columns`, shape (n, c, ...), as (n c, ...)."""
         n, c = columns.shape[:2]
         if self.band is not None:
-            flat = np.asfortranarray(columns.reshape(n * c, -1))
-            solved, _ = dtbtrs(self.band, flat, uplo="L")
-            return np.asarray(solved).reshape(n * c, *columns.shape[2:])
+            flat = columns.reshape(n * c, int(np.prod(columns.shape[2:])))
+            return _solved(self.band, flat).reshape(n * c, *columns.shape[2:])
         if c == 1:
             white = columns * self.blocks.reshape(n, 1, *(1,) * (columns.ndim - 2))
         else:
@@ -157,8 +162,8 @@ class Whitener:
         """Return L^-T times `rows`, (n, c, t), whose products with columns are those of `rows` with whitened ones."""
         if self.band is None:
             return np.asarray(self.blocks.transpose(0, 2, 1) @ rows)
-        solved, _ = dtbtrs(self.band, np.asfortranarray(rows.reshape(-1, rows.shape[2])), uplo="L", trans="T")
-        return np.asarray(solved).reshape(rows.shape)
+        n, c, t = rows.shape
+        return _solved(self.band, rows.reshape(n * c, t), "T").reshape(n, c, t)
 
     def of(self, rows: slice, c: int) -> Whitener:
         """Return the whitener of some successive rows of `c` constraints each, as if no row came before them."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calibench.discrepancy.noise import whiten
 from calibench.discrepancy.noise.whiten import Noise, whitener
 
 
@@ -25,6 +26,14 @@ def test_whitened_noise_has_unit_covariance(constraints: int, autocorrelation: f
     columns, scores = rng.standard_normal((n, constraints, 4)), rng.standard_normal((n, constraints, 2))
     across = columns.reshape(-1, 4).T @ white.back(scores).reshape(-1, 2)
     np.testing.assert_allclose(across, white(columns).T @ scores.reshape(-1, 2), atol=1e-10)
+
+
+def test_no_columns_reach_no_lapack_which_would_write_beyond_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    slopes = np.random.default_rng(3).standard_normal((40, 2, 3))
+    white = whitener(slopes, np.ones((40, 3)), 0.4, np.arange(40.0))
+    monkeypatch.setattr(whiten, "dtbtrs", None)
+    assert white(np.zeros((40, 2, 0))).shape == (80, 0)
+    assert white.back(np.zeros((40, 2, 0))).shape == (40, 2, 0)
 
 
 def test_scores_of_heavy_tails_have_unit_variance_and_a_slope_of_their_gain() -> None:
