@@ -97,9 +97,6 @@ COMMANDS = {
     ),
     "bench calibrate urdf=my_arm.urdf data=my_poses.csv": "the tutorial on one's robot makes both files and gives it",
     "bench paper --budget ci results=results": MINUTES,
-    "python -m calibench.bench.papers.compare BEFORE AFTER": (
-        "compares two ledgers that take minutes; tests/bench/test_ledger.py"
-    ),
     "bench export coco results/bbob --to out/coco": SUITES,
     "bench export coco results/bbob --to out": SUITES,
     "bench import coco BIPOP-CMA-ES --to results/bipop": PUBLISHED,

@@ -4,7 +4,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibench.bench.papers import compare
 from calibench.bench.papers.cong2008 import actual
 from calibench.bench.papers.cong2008.machine import counted_closure
 from calibench.bench.papers.ledger import Evidence, Printed, Tolerance, judge_either
@@ -115,20 +114,3 @@ def test_a_number_of_two_tables_is_reproduced_where_both_have_it():
     half = Tolerance(0.5, "half a digit")
     assert judge_either(3.0, [2.9, 2.1], half).verdict == "reproduced in kind"
     assert judge_either(3.0, [], half).verdict == "not checkable"
-
-
-def test_two_ledgers_are_compared_by_key_with_reasons(tmp_path, capsys):
-    columns = {"paper": "p", "place": "here", "quantity": "q", "method": "m", "why_tolerance": "w", "read": 1.0}
-    columns |= {"ours_median": 1.0, "tolerance": 0.1, "tolerance_in_kind": float("nan")}
-    old = pd.DataFrame({"key": ["a", "b", "erratum.3"], "verdict": ["reproduced", "reproduced", "misprint, corrected"]})
-    new = pd.DataFrame({"key": ["a", "c", "erratum.2"], "verdict": ["not reproduced", "reproduced", "reproduced"]})
-    old.assign(**columns).to_csv(tmp_path / "old.csv", index=False)
-    new.assign(**(columns | {"ours_median": 2.0}), kind="result").to_csv(tmp_path / "new.csv", index=False)
-    assert compare.main([str(tmp_path / "old.csv"), str(tmp_path / "new.csv")]) == 0
-    told = capsys.readouterr().out
-    assert "| reproduced | 2 | 2 | 0 | 0 | 2 | 0 | 0 |" in told
-    assert "| 1 | reproduced | not reproduced | the runs give another number | p: a |" in told
-    assert "| 1 | reproduced | - | dropped | p: b |" in told
-    assert "| 1 | - | reproduced | new | p: c |" in told
-    assert "| 1 | misprint, corrected | reproduced | the runs give another number | p: here: q |" in told
-    assert compare.main([]) == 2

@@ -163,4 +163,4 @@ def test_the_price_of_a_choice_holds_its_level_on_noise() -> None:
 
 @pytest.mark.slow
 def test_the_page_is_what_the_command_writes() -> None:
-    assert PAGE.read_text(encoding="utf-8") == page(found(), whole=False)
+    assert PAGE.read_text(encoding="utf-8") == page(found())

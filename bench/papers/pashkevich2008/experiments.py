@@ -1,9 +1,5 @@
-"""What the measured experiments of Pashkevich et al. 2008 support: a page of `bench paper`, every number computed.
+"""What the measured experiments of Pashkevich et al. 2008 support: docs/orthoglide-experiments.md, computed anew."""
 
-docs/orthoglide-experiments.md is what it finds, without the tables of each set.
-"""
-
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -18,12 +14,9 @@ from calibench.problems.orthoglide.kinematics import PAPER
 from calibench.problems.orthoglide.plans import named_plan
 
 SETS = ("exp1", "exp2", "exp2_t1", "exp3_t1", "exp3_t2")
-WEIGHTING = {False: "least squares", True: "weighted, eq. (14)"}
 LEAN, LONE = "guide_lean cyclic", "guide_lean axis z"
-_SHOWN = 3  # candidates of a set in the table
 _COMMANDS = """```text
-bench paper                                                  # results/paper/orthoglide-experiments.md: all tables
-python -m calibench.bench.papers.pashkevich2008.experiments orthoglide-experiments.md    # this alone
+bench paper                                                  # writes it, results/paper/orthoglide-experiments.md
 bench discover machine=orthoglide data=exp2                  # the verdict on one set
 ```"""
 
@@ -35,9 +28,8 @@ def write_page(path: Path) -> Path:
     return path
 
 
-def page(results: Experiments, whole: bool = True) -> str:
-    """Return the page in Markdown: the `whole` of it, or what is found without the tables of each set."""
-    tables = (_each_set, _added_later, _pattern) if whole else ()
+def page(results: Experiments) -> str:
+    """Return the page in Markdown."""
     parts = [
         "# What the Orthoglide's experiments support",
         _COMMANDS,
@@ -47,7 +39,6 @@ def page(results: Experiments, whole: bool = True) -> str:
             below come from the command. What the candidates mean: `bench list effects`."""
         ),
         *_in_short(results),
-        *(part for section in tables for part in section(results)),
         *_verdicts(results),
     ]
     return "\n\n".join(parts) + "\n"
@@ -102,44 +93,6 @@ def _in_short(results: Experiments) -> Iterable[str]:
     )
 
 
-def _each_set(results: Experiments) -> Iterable[str]:
-    yield "## Each set alone"
-    yield text(
-        f"""Calibrated are the three joint offsets. F and p hold for few numbers and an unknown variance. "p of all" is
-        the chance that the best of all candidates tried does as well where nothing is missing ({results.draws} turns of
-        the misfit). AICc is relative to the joint offsets alone (below 0 is better). "loo" is the rms error of each
-        number predicted from the others [mm], empty where one cannot be. Sizes in mm, rad or mm a move, with standard
-        errors; *impossible* marks those beyond what such a machine can have. Gauges that lean or stand elsewhere are
-        not among those tried where the largest fault of a stand (.1 rad, 10 mm) would not show."""
-    )
-    for name in SETS:
-        for weighted in [w for w in (False, True) if (name, w) in results.sets]:
-            sample = results.sets[name, weighted]
-            best = sample.candidates[0]
-            yield text(
-                f"""**{name}**, {WEIGHTING[weighted]}: {sample.rows} numbers, {sample.degrees} degrees of freedom,
-                {sample.tried} candidates; the joint offsets alone leave {sample.rms:.3f} mm, loo {sample.loo:.3f}.
-                Best: `{best.name}`, p {best.p:.4f}, p of all {best.p_tried:.2f}, loo {best.loo:.3f}."""
-            )
-            if sample.rows == 6:
-                continue
-            chosen = list(sample.candidates[:_SHOWN])
-            chosen += [c for c in sample.candidates[_SHOWN:] if c.name in (ORIENTATION, "axis_intersection all", LEAN)]
-            rows = []
-            for c in chosen:
-                numbers = (c.name, str(c.rank), f"{c.share:.0%}", f"{c.F:.2f}", f"{c.p:.4f}", f"{c.p_tried:.2f}")
-                aicc, loo = "" if c.aicc is None else f"{c.aicc:+.1f}", f"{c.loo:.3f}" if np.isfinite(c.loo) else ""
-                rows.append((*numbers, aicc, loo, size_of(c) + ("" if c.plausible else " *impossible*")))
-            yield table(("candidate", "rank", "explains", "F", "p", "p of all", "AICc", "loo", "size"), rows)
-    plain, weighted_ = (results.beyond[w].candidates[0] for w in (False, True))
-    yield text(
-        f"""Six numbers weighted by eq. (14) give the same tests: each has a pair of readings of its own. A second
-        effect beside the handed pattern is not supported on exp2: the best is `{plain.name}`, p of all
-        {plain.p_tried:.2f} ({WEIGHTING[False]}), or `{weighted_.name}`, {weighted_.p_tried:.2f} (weighted). Not
-        testable with these columns: gravity (one load) and thermal_legs (no temperatures)."""
-    )
-
-
 def size_of(candidate: Supported, scale: float = 1.0) -> str:
     """Return the coefficients with standard errors, at most two of them."""
     if len(candidate.coefficients) > 2:
@@ -147,88 +100,6 @@ def size_of(candidate: Supported, scale: float = 1.0) -> str:
     pairs = [(scale * c, scale * s) for c, s in zip(candidate.coefficients, candidate.standard_errors)]
     digits = [max(0, 1 - int(np.floor(np.log10(s)))) for _, s in pairs]
     return ", ".join(f"{c:+.{d}f} ± {s:.{d}f}" for (c, s), d in zip(pairs, digits))
-
-
-def _added_later(results: Experiments) -> Iterable[str]:
-    late, _ = results.prices["exp2", False]
-    yield f"## `{ADDED_LATER}` was added afterwards"
-    yield text(
-        f"""`{ADDED_LATER}` entered the catalogue (commit d6cdf45) after the sets had been fitted (8faa0e2), by who had
-        seen what the fits leave. So its p has to pay for that choice. *As it stands*: the chance that the best of the
-        present catalogue does as well on noise ({results.draws} turns of the misfit). *Right*: what was taken out in
-        the same commit is counted too, and for `{ADDED_LATER}` that one of {late.others} further families of the same
-        shape might have been written, as many as the catalogue has others; that is a lower bound."""
-    )
-    rows = []
-    for name in SETS:
-        for weighted in [w for w in (False, True) if (name, w) in results.prices]:
-            for one in results.prices[name, weighted]:
-                numbers = (f"{one.p:.4f}", f"{one.now:.2f}", f"**{one.right:.2f}**")
-                rows.append((name, WEIGHTING[weighted], one.name, *numbers))
-    yield table(("set", "", "candidate", "p", "as it stands", "right"), rows)
-    yield text(
-        f"""No price makes a name: .01 is asked for, and the least is
-        {min(one.right for pair in results.prices.values() for one in pair):.2f}. Only new readings can test
-        `{ADDED_LATER}` at its plain p."""
-    )
-
-
-def _pattern(results: Experiments) -> Iterable[str]:
-    yield "## The same misfit, set after set"
-    effects = {HANDED: 1.0, "bar_skew cyclic": 1.0, LEAN: 1e3, LONE: 1e3}
-    yield table(
-        ("set", f"{HANDED} [mm]", "bar_skew cyclic [mm]", f"{LEAN} [mrad]", f"{LONE} [mrad]"),
-        [(n, *(size_of(results.sets[n, False][e], scale) for e, scale in effects.items())) for n in SETS],
-    )
-    yield text(
-        f"""Without any candidate: does what one set leaves point where the next one's does? The p is that of a vector
-        without direction; three dimensions are few, and these are {len(results.likenesses)} tests."""
-    )
-    yield table(
-        ("misfit of", "followed by that of", "cosine", "slope", "dimensions", "p, one-sided"),
-        [
-            (a, b, f"{v.cosine:.3f}", f"{v.slope:.2f}", f"{v.degrees}", f"{v.p:.4f}")
-            for (a, b), v in results.likenesses.items()
-        ],
-    )
-    one, three = results.corrected["exp1"].cosine, results.corrected["exp3_t2"].cosine
-    yield text(
-        f"""Re-tuning the drives kept the direction and took the size to
-        {results.likenesses["exp1", "exp2_t1"].slope:.2f} of what it was: a hint at the drives, and no more. Two data
-        are believed misprinted and used as printed (exp1 x_z, exp3_t2 x_z-); read as the ledger's errata have
-        them, the cosines are {one:.3f} (exp1, exp2_t1) and {three:.3f} (exp2, exp3_t2)."""
-    )
-    yield text(
-        """Readings under wrong labels are no explanation. The rms [mm] that the joint offsets leave if the readings
-        were other ones, the same mix-up in all sets:"""
-    )
-    hows = list(dict.fromkeys(how for _, how in results.mixed_up))
-    yield table(
-        ("readings", *(name for name in SETS if (name, hows[0]) in results.mixed_up)),
-        [(how, *(f"{v:.2f}" for (_, other), v in results.mixed_up.items() if other == how)) for how in hows],
-    )
-    yield "## Experiment 3, predicted"
-    yield text(
-        """Fitted to Experiment 2 (least squares), moved by the printed update of the joint offsets, nothing fitted to
-        3. With the joint offsets alone the prediction is nearly zero. The p asks whether what is measured points the
-        way the prediction does; it is small for anything that persists. Rows that refuse: how many a model brings no
-        nearer."""
-    )
-    for name in ("exp3_t1", "exp3_t2"):
-        yield f"**{name}** [mm]"
-        prediction, rows = results.predictions[name, False], []
-        for model in (*fits.MODELS, WHOLE):
-            rms = (f"{prediction.rms(model, where):.3f}" for where in ("", "xy", "z"))
-            like = prediction.like.get(model)
-            said = (f"{like.p:.4f}", str(len(prediction.refusing(model)))) if like else ("", "")
-            rows.append((model, *rms, *said))
-        heads = ("model of Experiment 2", "rms [mm]", "along x, y", "along z", "p, one-sided", "rows that refuse")
-        yield table(heads, rows)
-    other = results.predictions["exp3_t2", True]
-    yield text(
-        f"""Weighted by eq. (14) the same: for exp3_t2 `{HANDED}` gives {other.rms(HANDED):.3f} mm,
-        {other.rms(HANDED, "xy"):.3f} along x and y, {other.rms(HANDED, "z"):.3f} along z."""
-    )
 
 
 def _verdicts(results: Experiments) -> Iterable[str]:
@@ -271,7 +142,3 @@ def _verdicts(results: Experiments) -> Iterable[str]:
         """Each posture from both sides, at two loads, with times and temperatures: backlash, gravity and thermal_legs
         become testable; today they are not.""",
     )
-
-
-if __name__ == "__main__":
-    print(write_page(Path(sys.argv[1] if len(sys.argv) > 1 else "orthoglide-experiments.md")))
