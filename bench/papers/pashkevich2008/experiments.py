@@ -61,7 +61,7 @@ def _in_short(results: Experiments) -> Iterable[str]:
         p; that the best of as many does as well where nothing is missing has p = {first.p_tried:.2f} by least squares
         and {first_weighted.p_tried:.2f} (`{first_weighted.name}`) weighted by eq. (14); a name needs .01.
         `{ADDED_LATER}` entered the catalogue after these experiments had been fitted: with that choice paid for they
-        are {results.prices["exp2", False][0].right:.2f} and {results.prices["exp2", True][0].right:.2f}. One
+        are {results.prices[False]:.2f} and {results.prices[True]:.2f}. One
         coefficient would have to explain {two.needed:.0%} of the twelve numbers to come below .05,
         {results.sets["exp2_t1", False].needed:.1%} of six.""",
         f"""**Two accounts lead, and the data cannot separate them.** *All three alike*, one number: a handed pattern in
@@ -105,7 +105,7 @@ def size_of(candidate: Supported, scale: float = 1.0) -> str:
 def _verdicts(results: Experiments) -> Iterable[str]:
     """Yield what the chapter says beside what its numbers say, and which readings would separate the rivals."""
     two, weighted = results.sets["exp2", False], results.sets["exp2", True]
-    three, lengths = results.likenesses["exp2_t1", "exp3_t1"], results.lengths
+    three, lengths = results.likeness, results.lengths
     yield "## Against the chapter, and the tables against each other"
     yield bullets(
         f"""*Orientation of the axes* (section 4.2 on Experiment 1, and the Resume): axes that lean and still meet

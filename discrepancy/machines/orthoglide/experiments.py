@@ -2,14 +2,14 @@
 
 Experiment 1: before mechanical tuning; 2: after it; 3: after the offsets found in 2 went into the control software, so
 what 2 leaves unexplained, 3 must show (printed twice, with numbers that disagree: exp3_t1, exp3_t2).
-A family that entered the catalogue after the data had been seen has a penalty, so there are three p-values: for the
-catalogue as it is; for all families ever tried; and with `others` further families of the same shape that might have
-been written, each taken to do as well on noise: p = 1 - (1 - p of all ever tried) (1 - p of the family alone) ^ others.
+A family that entered the catalogue after the data had been seen has a penalty: with `others` further families of the
+same shape that might have been written, each taken to do as well on noise, its p is 1 - (1 - p of the best of all
+families ever tried) (1 - p of the family alone) ^ others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import final, get_args
 from weakref import WeakKeyDictionary
@@ -35,11 +35,9 @@ from calibench.problems.orthoglide.plans import PlanName, SetName
 
 HANDED = "axis_intersection cyclic"
 ORIENTATION = "axis_orthogonality all"
-_SINGLE = (
-    ORIENTATION, HANDED, "axis_intersection all", "bar_skew cyclic", "bar_skew mirrored", "bar_skew all",
-    "guide_lean cyclic", "guide_lean axis z", "bar_skew leg z",
-)  # fmt: skip
-MODELS: Mapping[str, tuple[str, ...]] = {"offsets only": (), **{name: (name,) for name in _SINGLE}}
+MODELS: Mapping[str, tuple[str, ...]] = {
+    "offsets only": (), **{name: (name,) for name in (ORIENTATION, HANDED, "guide_lean axis z")},
+}  # fmt: skip
 WHOLE = "all that experiment 2 left"
 ADDED_LATER = "guide_lean"  # after all sets had been fitted and Experiment 3 predicted
 RIVALS = ("guide_lean cyclic", "bar_skew cyclic", "guide_lean axis z", "bar_skew leg z", ORIENTATION, "backlash all")
@@ -70,101 +68,47 @@ class Prediction:
         kept = [k for k, label in enumerate(self.labels) if not rows or label[0] in rows]
         return float(np.sqrt(np.mean((self.measured - self.predicted[model])[kept] ** 2)))
 
-    def refusing(self, model: str) -> tuple[str, ...]:
-        """Return the rows that a model predicts no better than the joint offsets alone do."""
-        plain, own = (np.abs(self.measured - self.predicted[name]) for name in ("offsets only", model))
-        return tuple(label for label, a, b in zip(self.labels, plain, own) if b > a)
-
 
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Experiments:
     """All numbers of the page, by set, by weighting (False: least squares as in the chapter; True: eq. (14)).
 
-    Six differences have no weighting, because each is of two readings of its own. `prices` are those of the best
-    candidate of the family that was added later, and of the best that was there before.
+    Six differences have no weighting, because each is of two readings of its own. `prices` are those of Experiment 2,
+    `likeness` is of what Experiment 2 and 3 left of Table 1.
     """
 
     sets: Mapping[tuple[str, bool], SmallSample]
-    beyond: Mapping[bool, SmallSample]
-    likenesses: Mapping[tuple[str, str], Likeness]
+    likeness: Likeness
     predictions: Mapping[tuple[str, bool], Prediction]
     rivals: Mapping[tuple[str, str], float]
-    mixed_up: Mapping[tuple[str, str], float]
-    corrected: Mapping[str, Likeness]
     lengths: FTest
-    prices: Mapping[tuple[str, bool], tuple[Price, Price]]
-    draws: int
+    prices: Mapping[bool, float]
 
 
 def experiments(draws: int = 5_000) -> Experiments:
     """Return all numbers, the same at every call."""
     machine = machines.make("orthoglide")
     formulations = {name: machine.formulate(printed(name)) for name in get_args(SetName)}
-    about = {(n, w): small.linear(f, weighted=w) for n, f in formulations.items() for w in (False, True)}
-    lists = {name: catalogue(formulation) for name, formulation in formulations.items()}
-    sets = {
-        (n, w): small.small_sample(a, lists[n].candidates, PLAUSIBLE, draws)
-        for (n, w), a in about.items()
-        if len(a.r) > 6 or not w
-    }
-    out = {name: [held.effect for held in listed.alternatives] for name, listed in lists.items()}
-    prices = {(n, w): price(about[n, w], lists[n].candidates, out[n], ADDED_LATER, draws) for n, w in sets}
+    about = {(name, False): small.linear(each, weighted=False) for name, each in formulations.items()}
     second = formulations["exp2"]
-    handed = effect_of(second, HANDED)
-    rest = [e for e in lists["exp2"].candidates if name_of(e) != HANDED]
-    beyond = {
-        w: small.small_sample(small.linear(second, handed, weighted=w), rest, PLAUSIBLE, draws) for w in (False, True)
-    }
-    pairs = [("exp1", "exp2_t1"), ("exp1", "exp3_t1"), ("exp2_t1", "exp3_t1"), ("exp2", "exp3_t2")]
-    likenesses = {pair: small.likeness(*(about[name, False] for name in pair)) for pair in pairs}
-    thirds = [(name, w) for name in ("exp3_t1", "exp3_t2") for w in (False, True)]
-    predictions = {(name, w): predict(second, formulations[name], w) for name, w in thirds}
-    size = sets["exp2", False][HANDED].coefficients
-    apart = {plan: told_apart(plan, size) for plan in PLANS}
-    rivals: dict[tuple[str, str], float] = {
-        (plan, rival): apart[plan][rival] for plan in PLANS for rival in apart[plan]
-    }
-    mixed_up = {
-        (name, how): small.small_sample(small.linear(machine.formulate(mix(printed(name))), weighted=False), ()).rms
-        for name in ("exp1", "exp2", "exp3_t1", "exp3_t2")
-        for how, mix in MIX_UPS.items()
-    }
-    one, three = (machine.formulate(read_instead(printed(name))) for name in ("exp1", "exp3_t2"))
-    corrected = {
-        "exp1": small.likeness(small.linear(one, weighted=False), about["exp2_t1", False]),
-        "exp3_t2": small.likeness(about["exp2", False], small.linear(three, weighted=False)),
-    }
+    about["exp2", True] = small.linear(second, weighted=True)
+    lists = {name: catalogue(formulation) for name, formulation in formulations.items()}
+    sets = {key: small.small_sample(each, lists[key[0]].candidates, PLAUSIBLE, draws) for key, each in about.items()}
+    taken_out = [held.effect for held in lists["exp2"].alternatives]
     rho, full = (problems.make("orthoglide6", data="exp2", free=free) for free in ("rho", "full"))
+    size = sets["exp2", False][HANDED].coefficients
     return Experiments(
-        sets, beyond, likenesses, predictions=predictions, rivals=rivals, mixed_up=mixed_up, corrected=corrected,
-        lengths=f_test(rho, full), prices=prices, draws=draws,
+        sets=sets, likeness=small.likeness(about["exp2_t1", False], about["exp3_t1", False]),
+        predictions={
+            (name, w): predict(second, formulations[name], w) for name in ("exp3_t1", "exp3_t2") for w in (False, True)
+        },
+        rivals={(plan, rival): chi for plan in PLANS for rival, chi in told_apart(plan, size).items()},
+        lengths=f_test(rho, full),
+        prices={
+            w: price(about["exp2", w], lists["exp2"].candidates, taken_out, ADDED_LATER, draws) for w in (False, True)
+        },
     )  # fmt: skip
-
-
-def read_instead(data: MeasuredData) -> MeasuredData:
-    """Return a printed set in which the one datum that is believed misprinted has its corrected value."""
-    place, label = {"exp1": ("Measurements #1, x_z", "x_z"), "exp3_t2": ("'Exper. data', x_z_minus", "x_z-")}[data.name]
-    (erratum,) = (e for e in constants.document(PAPER)["erratum"] if e["place"].endswith(place))
-    here = np.array(labels(data)) == label
-    return data.with_columns({"deviation": np.where(here, float(erratum["read"]), data["deviation"])})
-
-
-MIX_UPS: Mapping[str, Callable[[MeasuredData], MeasuredData]] = {
-    "as printed": lambda data: data,
-    "direction and leg exchanged": lambda data: data.with_columns(
-        {"leg": data["direction"], "direction": data["leg"], "posture": data["direction"]}
-    ),
-    "the two gauges of each leg exchanged": lambda data: data.with_columns(
-        {"direction": np.array([(set("xyz") - {d, leg}).pop() for d, leg in zip(data["direction"], data["leg"])])}
-    ),
-    "the sign of one hand turned": lambda data: data.with_columns(
-        {
-            "deviation": data["deviation"]
-            * np.where([leg + d in ("xz", "yx", "zy") for d, leg in zip(data["direction"], data["leg"])], -1.0, 1.0)
-        }
-    ),
-}
 
 
 def effect_of(formulation: Formulation, name: str) -> Effect:
@@ -232,48 +176,12 @@ def _deviations(formulation: Formulation, about: Calibrated, x: Array) -> Array:
     return np.asarray(formulation.constraints(model.quantities(x)[1])[:, 0] + formulation.data["deviation"])
 
 
-@final
-@dataclass(frozen=True)
-class Price:
-    """`name`, the best candidate, with its own p and the chance that the best of each list does as well on noise.
-
-    `listed`: of the list without what was added, in which the name must stand; None where it does not. `now`: of the
-    catalogue as it stands. `ever`: of all that was ever tried, `tried` candidates. `chosen`: with the freedom to write
-    `others` further families; None for a name that was there from the beginning, which needed no such freedom.
-    """
-
-    name: str
-    p: float
-    listed: float | None
-    now: float
-    ever: float
-    chosen: float | None
-    tried: int
-    others: int
-
-    @property
-    def right(self) -> float:
-        """Return the price that counts: with the choice where there was one, else that of all families ever tried."""
-        return self.ever if self.chosen is None else self.chosen
-
-
 def price(
     about: Calibrated, catalogue: Sequence[Effect], taken_out: Sequence[Effect], added: str, draws: int = 5_000
-) -> tuple[Price, Price]:
-    """Return the prices of the best candidate of the family `added`, and of the best that was there without it."""
-    own = [e for e in catalogue if e.family == added]
-    first = [*(e for e in catalogue if e.family != added), *taken_out]
+) -> float:
+    """Return the p of the best candidate of the family `added` with the choice to add it paid for."""
     others = len({e.family for e in catalogue} - {added})
-    lists = (first, catalogue, [*catalogue, *taken_out], own)
-    listed, now, ever, alone = (small.small_sample(about, chosen, draws=draws) for chosen in lists)
-    late = alone.candidates[0]
-    kept = {c.name for c in now.candidates}
-    early = next(c for c in listed.candidates if c.name in kept)
-    chosen = 1 - (1 - ever[late.name].p_tried) * (1 - alone[late.name].p_tried) ** others
-    tried = {"tried": ever.tried, "others": others}
-    found = listed[early.name]
-    return (
-        Price(late.name, late.p, None, now[late.name].p_tried, ever=ever[late.name].p_tried, chosen=chosen, **tried),
-        Price(early.name, found.p, found.p_tried, now[early.name].p_tried, ever=ever[early.name].p_tried, chosen=None,
-              **tried),
-    )  # fmt: skip
+    ever = small.small_sample(about, [*catalogue, *taken_out], draws=draws)
+    alone = small.small_sample(about, [e for e in catalogue if e.family == added], draws=draws)
+    best = alone.candidates[0]
+    return 1 - (1 - ever[best.name].p_tried) * (1 - best.p_tried) ** others
