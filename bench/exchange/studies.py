@@ -16,6 +16,7 @@ import re
 import shutil
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import inf, isfinite, log10, ulp as spacing
@@ -324,14 +325,9 @@ class Named:
 
 def named_problem(problem: str, options: dict[str, Any], data_id: str) -> Named:
     """Return a problem of a suite as rows name it, with the minimum of ours where it can be made here."""
-    if problem not in problems.registry:
-        return Named(problem, canonical(options), data_id, None)
-    try:
-        text = canonical(options_as_asked(problems.registry, problem, options))
-    except ValueError:  # of that name here, and of other options: it is another problem
-        return Named(problem, canonical(options), data_id, None)
-    try:
-        minimum = getattr(problems.make(problem, **options), "minimum", None)
-    except ValueError:  # its package is not installed
-        minimum = None
+    text, minimum = canonical(options), None
+    if problem in problems.registry:
+        with suppress(ValueError):  # of that name here, and of other options; or its package is not installed
+            text = canonical(options_as_asked(problems.registry, problem, options))
+            minimum = getattr(problems.make(problem, **options), "minimum", None)
     return Named(problem, text, data_id, None if minimum is None else float(minimum))

@@ -425,11 +425,9 @@ def write_ledger(rows: Sequence[Row], folder: Path) -> list[Path]:
 
 def read_rows(path: Path) -> list[Row]:
     """Return the rows of a ledger written by `write_ledger`; a number that there is not is NaN."""
-    names = [field.name for field in fields(Row)]
-    numbers = {name for name in names if pa.types.is_floating(LEDGER_SCHEMA.field(name).type)}
-    lines: list[dict[str, Any]] = pq.read_table(path, columns=names).to_pylist()
+    lines: list[dict[str, Any]] = pq.read_table(path, columns=[field.name for field in fields(Row)]).to_pylist()
     for line in lines:
-        line.update({name: nan for name in numbers if line[name] is None})
+        line.update({name: nan for name, value in line.items() if value is None})
     return [Row(**line) for line in lines]
 
 

@@ -6,10 +6,10 @@ A verdict has a mark and a word besides its colour, so it reads in black and whi
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Any, final
+from types import MappingProxyType
+from typing import Any
 
 from calibench.bench.papers.ledger import KINDS, VERDICTS, Row, Verdict, kept, read_rows
 from calibench.bench.provenance.environment import provenance
@@ -55,13 +55,7 @@ _KIND_MEANINGS = (
 )
 
 
-@final
-@dataclass(frozen=True)
-class Kept:
-    """The kept run at the papers' own budget: its rows by paper and key, and its address from the page."""
-
-    rows: Mapping[tuple[str, str], Row]
-    address: str
+Kept = Mapping[tuple[str, str], Row]  # rows of the kept run at the papers' own budget, by paper and key
 
 
 def write_page(
@@ -69,22 +63,23 @@ def write_page(
 ) -> Path:
     """Write the page and return its path; `drawings` are SVG files of the papers' figures, by paper."""
     ledger, readme = kept("ledger.parquet"), kept("README.md")
-    known = None
+    known, address = {}, ""
     if ledger and readme:
-        by_key = {(row.paper, row.key): row for row in read_rows(ledger)}
-        known = Kept(by_key, Path(os.path.relpath(readme, path.parent)).as_posix())
+        known = {(row.paper, row.key): row for row in read_rows(ledger)}
+        address = Path(os.path.relpath(readme, path.parent)).as_posix()
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page(rows, budget, drawings, known), encoding="utf-8")
+    path.write_text(page(rows, budget, drawings or {}, known, address), encoding="utf-8")
     return path
 
 
 def page(
-    rows: Sequence[Row], budget: str, drawings: Mapping[str, Sequence[Path]] | None = None, known: Kept | None = None
-) -> str:
-    """Return the page's HTML: no script, and nothing fetched from anywhere."""
+    rows: Sequence[Row], budget: str, drawings: Mapping[str, Sequence[Path]] = MappingProxyType({}),
+    known: Kept = MappingProxyType({}), address: str = "",
+) -> str:  # fmt: skip
+    """Return the page's HTML: no script, and nothing fetched from anywhere. `address` leads to the kept run."""
     cell = macros(_CELLS)
     papers = dict.fromkeys(row.paper for row in rows)
-    figures = {key: [drawing_inside(path, path.stem) for path in (drawings or {}).get(key, ())] for key in papers}
+    figures = {key: [drawing_inside(path, path.stem) for path in drawings.get(key, ())] for key in papers}
     return render(
         "papers/templates/ledger.html.j2",
         title="Ledger",
@@ -101,7 +96,7 @@ def page(
             ],
         ),
         kind_meanings=_KIND_MEANINGS,
-        kept=known.address if known else "",
+        kept=address,
         papers=[_paper(key, [row for row in rows if row.paper == key], figures[key], known) for key in papers],
     )
 
@@ -116,7 +111,7 @@ def _tag(verdict: Verdict) -> dict[str, Any]:
     return {"verdict": verdict, "mark": mark, "style": style, "meaning": meaning}
 
 
-def _paper(key: str, rows: Sequence[Row], figures: Sequence[Inline], known: Kept | None) -> dict[str, Any]:
+def _paper(key: str, rows: Sequence[Row], figures: Sequence[Inline], known: Kept) -> dict[str, Any]:
     about = document(key)["paper"]
     findings = []  # claims as sentences, what does not hold first
     for verdict, title in _CLAIMS.items():
@@ -170,12 +165,12 @@ def _group(rows: Sequence[Row]) -> dict[str, Any]:
     return {"size": len(rows), "tally": "; ".join(f"{count} {verdict}" for verdict, count in counts if count)}
 
 
-def _as_printed(rows: Sequence[Row], known: Kept | None) -> Table:
+def _as_printed(rows: Sequence[Row], known: Kept) -> Table:
     """Return a table in the print's form: the places are its columns, or its rows where the print calls them so."""
     cells: dict[tuple[str, str], str] = {}
     units: dict[str, dict[str, None]] = {}
     for row in rows:  # with what the kept run gives where this one is too short to say, and its verdict
-        other = known.rows.get((row.paper, row.key)) if known else None
+        other = known.get((row.paper, row.key))
         longer: tuple[str, Any] = ("", None)
         if other is not None and row.verdict == "open at this budget" and other.verdict != row.verdict:
             longer = number(other.ours_median, 4), _tag(other.verdict)

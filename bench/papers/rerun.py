@@ -9,7 +9,7 @@ reads as any other: ``bench report results/reference/cong2008`` draws everything
 """
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -105,8 +105,7 @@ def run_paper(
     ]  # fmt: skip
     every = [*evidence.values(), *([_carry_out(beside, report)] if beside else [])]
     if to is not None:
-        asked = Asked(str(budget), chosen, [paper.KEY for paper in PAPERS])
-        paths += write_reference(rows, every, asked, Path(to))
+        paths += write_reference(rows, every, f"budget={budget} seeds={chosen}", Path(to))
     return Ledger(tuple(rows), tuple(paths), sum(int((one.runs["status"] == "failed").sum()) for one in every))
 
 
@@ -150,27 +149,21 @@ _FIGURES = (
 _OWN_GAUGE = "gaugexa2"  # what a figure's name ends in where a study has other gauges too
 
 
-@final
-@dataclass(frozen=True)
-class Asked:
-    """What a reference is of: the command's words, and the papers whose printed numbers it holds."""
-
-    budget: str
-    seeds: str
-    papers: Sequence[str]
-
-
 def check_folder(folder: Path) -> None:
     """Raise `StoreError` where a reference cannot be written: files that are none of ours stand there."""
     if folder.is_file() or (folder.is_dir() and any(folder.iterdir()) and not (folder / PRINTED).exists()):
         raise StoreError(f"to={folder}: holds something else (no {PRINTED}); take an empty folder, or a reference")
 
 
-def write_reference(rows: Sequence[Row], evidence: Sequence[Evidence], asked: Asked, folder: Path) -> list[Path]:
-    """Write the reference of a ledger and its runs into `folder`, in place of one that is there; return the paths."""
+def write_reference(rows: Sequence[Row], evidence: Sequence[Evidence], asked: str, folder: Path) -> list[Path]:
+    """Write the reference of a ledger and its runs into `folder`, in place of one that is there; return the paths.
+
+    `asked` are the words of ``bench paper`` that made them.
+    """
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    written = [write_printed(asked.papers, folder / PRINTED), *write_ledger(rows, folder)]
+    papers = dict.fromkeys(row.paper for row in rows)
+    written = [write_printed(papers, folder / PRINTED), *write_ledger(rows, folder)]
     counts, to_draw = [], list(_FIGURES)
     for one in evidence:
         for study, runs in one.runs.groupby("study", sort=False) if "study" in one.runs else ():
@@ -198,7 +191,7 @@ def write_reference(rows: Sequence[Row], evidence: Sequence[Evidence], asked: As
     commit = (origin["git_commit"][:10] or "unknown") + (" with changes" if origin["git_dirty"] else "")
     text = f"""# Reference: one run of both papers, kept
 
-Written by `make reference`, whose last step is `bench paper budget={asked.budget} seeds={asked.seeds} to=...`,
+Written by `make reference`, whose last step is `bench paper {asked} to=...`,
 at commit {commit}, on {origin["platform"]}; the versions of all packages are in the rows.
 Do not edit: a test holds these files to the papers' data files and to each other.
 
@@ -219,7 +212,7 @@ Do not edit: a test holds these files to the papers' data files and to each othe
     return [*written, folder / "README.md"]
 
 
-def write_printed(papers: Sequence[str], path: Path) -> Path:
+def write_printed(papers: Iterable[str], path: Path) -> Path:
     """Write every printed number of `papers`, with what to read and why where the print is wrong."""
     table = pd.DataFrame(
         {

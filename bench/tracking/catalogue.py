@@ -240,28 +240,23 @@ def _read(path: str, name: str) -> Entry | None:
                     size += one.stat(follow_symlinks=False).st_size
     entry = Entry(study=name, kind="runs", size=size)
     try:
-        entry = _entry_of(folder, entry)
+        if (whole := _entry_of(folder, entry)) is None:
+            return None
         noted = read_notes(folder)
-    except _ForeignError:
-        return None
     except (ValueError, OSError) as error:
         text = str(error).removeprefix(f"{folder}: ").removeprefix(f"{folder}/")
         return replace(entry, status="damaged", headline=" ".join(text.split())[:300], when=_when_of(folder))
-    return replace(entry, tag=noted.tags, notes=len(noted.notes), archived=noted.archived)
+    return replace(whole, tag=noted.tags, notes=len(noted.notes), archived=noted.archived)
 
 
-class _ForeignError(Exception):
-    """A manifest.json or calibration.json of another program."""
-
-
-def _entry_of(folder: Path, entry: Entry) -> Entry:
+def _entry_of(folder: Path, entry: Entry) -> Entry | None:
     if not (folder / MANIFEST).exists():
         # an arm's calibration, or a camera's
         from calibench.bench.tracking.tables import calibration_in
 
         row = calibration_in(folder)
         if row is None:
-            raise _ForeignError
+            return None
         before, after = row["before"], row["after"]
         size = f"{plain(after)} mm" if before is None else f"{plain(before)} -> {plain(after)} mm"
         return replace(
@@ -274,10 +269,8 @@ def _entry_of(folder: Path, entry: Entry) -> Entry:
     except ValueError as error:
         raise StoreError(f"{MANIFEST}: cannot be read: {error}") from None
     kind = manifest.get("kind") if isinstance(manifest, dict) else None
-    if kind not in (KIND, DISCOVERY):
-        raise _ForeignError
-    if kind == KIND:
-        return _of_runs(folder, entry)
+    if kind != DISCOVERY:
+        return _of_runs(folder, entry) if kind == KIND else None
     said = manifest.get("commands") or [""]
     command = str(said[-1]) if isinstance(said, list) else ""
     from calibench.bench.tracking.tables import rows_in

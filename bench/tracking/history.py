@@ -58,7 +58,6 @@ class Step:
     p: float
     verdict: two_studies.Verdict
     why: str
-    tested: two_studies.Tested
 
 
 @final
@@ -149,12 +148,7 @@ def histories(results: Path, asked: Asked) -> tuple[list[History], list[LeftOut]
         begins = [i for i, version in enumerate(versions) if not version.same]
         pairs = [two_studies.partners(versions[a].runs, versions[b].runs) for a, b in pairwise(begins)]
         tests = [two_studies.two_sides(*pair, asked.by) for pair in pairs]
-        steps = {
-            i: Step(p, verdict, why, tested)
-            for i, tested, (p, verdict, why) in zip(
-                begins[1:], tests, two_studies.verdicts(tests, asked.by), strict=True
-            )
-        }
+        steps = {i: Step(*one) for i, one in zip(begins[1:], two_studies.verdicts(tests, asked.by), strict=True)}
         change = None
         if len(begins) > 1 and stats.has_chance(runs):
             epochs = [versions[i].runs for i in begins]
@@ -300,42 +294,37 @@ def drawing(history: History) -> str:
     """Return one history as SVG: a point a version with its quartiles, a line where the change point is."""
     wide, high, left, floor = 760, 240, 70, 200
     points = [summary_of(history, version) for version in history.versions]
-    finite = [v for point in points for v in point[:3] if np.isfinite(v)]
-    logarithmic = bool(finite) and min(finite) > 0 and max(finite) / min(finite) > 20
-    scaled = [float(np.log10(v)) if logarithmic else v for v in finite] or [0.0]
-    low, top = min(scaled), max(scaled)
-    span = (top - low) or 1.0
-
-    def y(value: float) -> float:
-        if not np.isfinite(value):
-            return 20.0
-        return floor - (floor - 40) * ((float(np.log10(value)) if logarithmic else value) - low) / span
-
-    def x(i: int) -> float:
-        return left + (wide - left - 30) * (i + 0.5) / len(points)
-
+    values = np.array([point[:3] for point in points])
+    known = np.isfinite(values)
+    finite = values[known] if known.any() else np.zeros(1)
+    logarithmic = finite.min() > 0 and finite.max() / finite.min() > 20
+    scaled = np.log10(finite) if logarithmic else finite
+    low, top = float(scaled.min()), float(scaled.max())
+    y = np.full(values.shape, 20.0)  # one that is not finite stands above all others
+    y[known] = floor - (floor - 40) * (scaled - low)[: known.sum()] / ((top - low) or 1.0)
+    x = left + (wide - left - 30) * (np.arange(len(points)) + 0.5) / len(points)
     parts = []
-    for i, (version, (q1, middle, q3, text)) in enumerate(zip(history.versions, points, strict=True)):
-        step = history.steps.get(i)
+    for i, (version, (*_, text)) in enumerate(zip(history.versions, points, strict=True)):
+        step, (q1, middle, q3) = history.steps.get(i), y[i]
         colour = {"worse": "#c0392b", "better": "#1e8449"}.get(step.verdict if step else "", "currentColor")
         title = f"{version.commit[:8]} {version.began:%Y-%m-%d}: {text}"
         title += f"; {step.verdict}: {step.why}" if step else ""
         parts.append(
-            f'<g><title>{escape(title)}</title><line x1="{x(i):.1f}" x2="{x(i):.1f}" y1="{y(q1):.1f}" y2="{y(q3):.1f}" '
-            f'stroke="{colour}"/><circle cx="{x(i):.1f}" cy="{y(middle):.1f}" r="4" fill="{colour}"/>'
-            f'<text x="{x(i):.1f}" y="{floor + 18}" font-size="12" text-anchor="middle" fill="currentColor">'
+            f'<g><title>{escape(title)}</title><line x1="{x[i]:.1f}" x2="{x[i]:.1f}" y1="{q1:.1f}" y2="{q3:.1f}" '
+            f'stroke="{colour}"/><circle cx="{x[i]:.1f}" cy="{middle:.1f}" r="4" fill="{colour}"/>'
+            f'<text x="{x[i]:.1f}" y="{floor + 18}" font-size="12" text-anchor="middle" fill="currentColor">'
             f"{escape(version.commit[:7])}</text></g>"
         )
     if history.change is not None and history.change.p_holm <= two_studies.LEVEL:
-        at = (x(history.change.version) + x(history.change.version - 1)) / 2
+        at = x[history.change.version - 1 : history.change.version + 1].mean()
         parts.append(
             f'<line x1="{at:.1f}" x2="{at:.1f}" y1="20" y2="{floor}" stroke="#c0392b" stroke-dasharray="4 3"/>'
         )
-    ends = [plain(10**v if logarithmic else v) for v in (low, top)]
     parts.append(f'<text x="8" y="14" font-size="12" fill="currentColor">{_AXES[history.shown]}</text>')
-    for value, place in zip(ends, (floor, 40), strict=True):
+    for value, place in ((low, floor), (top, 40)):
+        number = plain(10**value if logarithmic else value)
         parts.append(
-            f'<text x="{left - 8}" y="{place + 4}" font-size="12" text-anchor="end" fill="currentColor">{value}</text>'
+            f'<text x="{left - 8}" y="{place + 4}" font-size="12" text-anchor="end" fill="currentColor">{number}</text>'
         )
     label = escape(f"{history.called} over {len(points)} versions, by {history.shown}")
     return (

@@ -31,7 +31,7 @@ from calibench.bench.store.atomic_file import TEMPORARY, write_whole
 from calibench.bench.store.manifest import NOTES, StoreError, read_notes
 from calibench.bench.store.runs import HOLDER, LOCK, SOFT_LOCK, ResultStore, locked, merge
 from calibench.bench.tracking.catalogue import CALIBRATION, HAND_EYE, MANIFEST, Entry
-from calibench.bench.tracking.tables import calibration_in, check_table
+from calibench.bench.tracking.tables import calibration_in, check_table, rows_in
 from calibench.bench.words import check_study
 from calibench.core.plain import json_of
 from calibench.core.words import counted
@@ -107,8 +107,6 @@ def files_of_ours(folder: Path) -> tuple[list[Path], list[Path]]:
 
 def pack(folder: Path, entry: Entry, to: Path) -> tuple[Path, str]:
     """Write a study as one file; return its path and the digest of its content. The study stays as it is."""
-    from calibench.bench.tracking.tables import rows_in
-
     if os.path.lexists(to):
         raise ValueError(f"pack: --to {to}: is there already; name a new file")
     name = folder.resolve().name

@@ -30,9 +30,9 @@ from urllib.parse import parse_qs
 import anyio
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import uvicorn
 from markupsafe import Markup, escape
+from numpy.typing import NDArray
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import MutableHeaders
@@ -42,6 +42,7 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response, Stream
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from calibench.bench.exchange.studies import traces_by_run
 from calibench.bench.execution.in_progress import Running, hosts_at_work, read_running
 from calibench.bench.report.one_run import Found, show_run
 from calibench.bench.report.shared.page import render
@@ -54,7 +55,7 @@ from calibench.bench.statistics.progress import sweep_progress
 from calibench.bench.statistics.ranking import By
 from calibench.bench.statistics.targets import levels_of
 from calibench.bench.statistics.two_studies import compare
-from calibench.bench.store.arrays import POINT, Array, index_in
+from calibench.bench.store.arrays import POINT, Array
 from calibench.bench.store.journal import journals_in
 from calibench.bench.store.manifest import read_notes, write_notes
 from calibench.bench.store.runs import ResultStore, locked
@@ -642,21 +643,11 @@ class Follower:
             self._tables = tables
             rows = self.store.rows(["run_id", "problem", "optimizer"]).to_pylist()
             new = [row for row in rows if row["run_id"] not in self._seen]
-            if new:
-                traces = self.store.traces()
-                ids = pa.array([row["run_id"] for row in new], pa.string())
-                found = (
-                    index_in(pa.array(traces["run_id"], pa.string()), ids).to_numpy(zero_copy_only=False).astype(float)
-                )
-                known = np.flatnonzero(~np.isnan(found))
-                order = known[np.argsort(found[known], kind="stable")]
-                ends = np.searchsorted(found[order], np.arange(len(new) + 1))
-                charged, best = (traces[name].to_numpy(dtype=float)[order] for name in ("charged", "best_value"))
-                parts = zip(new, ends, ends[1:], strict=False)
-                changed |= {self._take(row, charged[a:b], best[a:b]) for row, a, b in parts}
+            curves = traces_by_run(self.store.traces()) if new else {}
+            changed |= {self._take(row, *curves.get(row["run_id"], (np.zeros(0), np.zeros(0)))) for row in new}
         return changed
 
-    def _take(self, row: dict[str, Any], charged: Array, best: Array) -> Cell:
+    def _take(self, row: dict[str, Any], charged: Array | NDArray[np.int64], best: Array) -> Cell:
         cell = str(row["problem"]), str(row["optimizer"])
         self._seen.add(row["run_id"])
         self._growing.pop(row["run_id"], None)

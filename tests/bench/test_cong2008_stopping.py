@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibench.bench.papers.cong2008.stopping import COLUMNS, MATLAB, VARIANTS, Judged, Variant, ends, plan, verdict_of
+from calibench.bench.papers.cong2008.figures import COLUMNS
+from calibench.bench.papers.cong2008.stopping import MATLAB, VARIANTS, Judged, Variant, ends, plan, verdict_of
 from calibench.bench.papers.ledger import Verdict, problem as make_problem
 from calibench.optimizers.fmincon import fmincon
 from tests.few import few
@@ -51,7 +52,7 @@ def test_one_search_ends_for_each_stop_where_its_options_end_one(key: str, numbe
     built = make_problem(name, **dict(asked))
     for variant in VARIANTS:
         end = ends(name, asked, variant.step)[variant.stop]
-        assert (end.kmrmse, end.iterations) == kmrmse(built, built, variant), variant
+        assert (end["kmrmse"], end["iterations"]) == kmrmse(built, built, variant), variant
 
 
 def judged(releases: list[list[float]], relative: tuple[list[float], list[float]]) -> list[Judged]:

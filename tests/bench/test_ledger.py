@@ -19,9 +19,9 @@ import pytest
 
 from calibench.bench.cli import main
 from calibench.bench.papers.cong2008 import actual
-from calibench.bench.papers.cong2008.actual import quantity, row as cell_of, tolerance_of
-from calibench.bench.papers.cong2008.figures import runs_of
-from calibench.bench.papers.cong2008.stopping import COLUMNS, RELEASES
+from calibench.bench.papers.cong2008.actual import row as cell_of, tolerance_of
+from calibench.bench.papers.cong2008.figures import COLUMNS, runs_of
+from calibench.bench.papers.cong2008.stopping import RELEASES
 from calibench.bench.papers.ledger import (
     KINDS,
     LEDGER_SCHEMA,
@@ -39,7 +39,7 @@ from calibench.bench.papers.ledger import (
     read_rows,
     to_table,
 )
-from calibench.bench.papers.page import Kept, page
+from calibench.bench.papers.page import page
 from calibench.bench.papers.pashkevich2008 import experiments
 from calibench.bench.papers.pashkevich2008.machine import fitted, table2_differences
 from calibench.bench.papers.rerun import PAPERS as REGISTERED, agreed, differing, run_paper
@@ -419,7 +419,7 @@ def test_a_cell_that_is_open_says_what_the_kept_run_gives(ledger):
     rows = [row for row in ledger.rows if row.key == "table6.de.j3"]
     longer = {(row.paper, row.key): dataclasses.replace(row, ours_median=2.5e-20, verdict="reproduced") for row in rows}
     assert rows[0].verdict == "open at this budget"
-    text = page(rows, "ci", known=Kept(longer, "kept/README.md"))
+    text = page(rows, "ci", known=longer, address="kept/README.md")
     assert "kept run 2.5e-20 ✓" in text_of(text)
     assert '<a href="kept/README.md">' in text
     assert "kept run" not in text_of(page(rows, "ci"))
@@ -630,7 +630,7 @@ def test_a_cell_is_judged_over_every_plan_and_release_alike(searches, key):
     assert {release for release, _ in pairs} == {variant.release for variant in RELEASES}
     for name in names:
         cell = cell_of(PRINTED, key, name)
-        verdicts = [verdict_of(cell, quantity(end, name)) for _, end in pairs]
+        verdicts = [verdict_of(cell, end[name]) for _, end in pairs]
         within = [verdict != "not reproduced" for verdict in verdicts]
         assert cell.n == len(pairs)
         assert cell.share == pytest.approx(np.mean(within))
@@ -684,7 +684,7 @@ def test_one_plan_does_not_decide(searches):
     """Each plan alone gives the cell another verdict; the cell has one, of all plans."""
     cell = cell_of(PRINTED, "table3.j3", "kmrmse")
     alone = {
-        judge_share(cell.printed, cell.read, [ends[number].kmrmse for ends in searches("table3.j3").values()],
+        judge_share(cell.printed, cell.read, [ends[number]["kmrmse"] for ends in searches("table3.j3").values()],
                     tolerance_of(PRINTED, "table3.j3", "kmrmse")).verdict
         for number in range(15)
     }  # fmt: skip

@@ -11,7 +11,7 @@ from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.papers import pashkevich2008
 from calibench.bench.papers.ledger import LEDGER_SCHEMA, Evidence, quantities
-from calibench.bench.papers.rerun import Asked, check_folder, study_tables, thinned, write_printed, write_reference
+from calibench.bench.papers.rerun import check_folder, study_tables, thinned, write_printed, write_reference
 from calibench.bench.store.arrays import RUNS_SCHEMA, TRACES_SCHEMA
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
@@ -42,7 +42,7 @@ def rows(evidence):
 @pytest.fixture(scope="module")
 def made(evidence, rows, tmp_path_factory):
     folder = tmp_path_factory.mktemp("kept") / "reference"
-    write_reference(rows, [evidence], Asked("3000", "2", ["pashkevich2008"]), folder)
+    write_reference(rows, [evidence], "budget=3000 seeds=2", folder)
     return folder
 
 
@@ -129,7 +129,7 @@ def test_a_reference_is_small(folder):
 
 @pytest.mark.slow
 def test_the_same_run_is_kept_as_the_same_files(evidence, rows, made, tmp_path):
-    write_reference(rows, [evidence], Asked("3000", "2", ["pashkevich2008"]), tmp_path / "again")
+    write_reference(rows, [evidence], "budget=3000 seeds=2", tmp_path / "again")
     for path in made.rglob("*"):
         if path.is_file():
             assert (tmp_path / "again" / path.relative_to(made)).read_bytes() == path.read_bytes(), path.name
@@ -147,7 +147,7 @@ def test_a_figure_of_the_papers_gauge_is_kept_where_a_study_has_another_too(evid
     store.open()
     for gauge in ("xa2", "ya2"):
         store.write(bench.execute(problems.make("full12", gauge=gauge), optimizers.make("trf"), budget=200, seed=0))
-    write_reference(rows, [Evidence(store.runs(), store.traces())], Asked("200", "1", []), tmp_path / "kept")
+    write_reference(rows, [Evidence(store.runs(), store.traces())], "budget=200 seeds=1", tmp_path / "kept")
     kept = {path.name for path in tmp_path.rglob("*.png")}
     assert {"convergence_full12.png", "target_full12.png"} <= kept
     assert not [name for name in kept if "gauge" in name and name != "gauge.png"]

@@ -15,7 +15,8 @@ from scipy.optimize import brentq, least_squares
 from calibench import problems
 from calibench.bench.papers import ledger
 from calibench.bench.papers.cong2008 import stopping
-from calibench.bench.papers.cong2008.stopping import COLUMNS, PLANS, RELEASES, End
+from calibench.bench.papers.cong2008.figures import COLUMNS
+from calibench.bench.papers.cong2008.stopping import PLANS, RELEASES, End
 from calibench.bench.papers.ledger import Array, Evidence, Ours, Printed, Row, Tolerance
 from calibench.problems.planar.gpm2002 import NAMES, home, inverse_kinematics, makers_machine
 
@@ -232,7 +233,7 @@ def column_rows(printed: Printed, _: object) -> Iterator[Row]:
 def row(printed: Printed, key: str, name: str) -> Row:
     """Return the row of a cell of a calibrated column, from the searches on every plan by every release."""
     entry, tolerance = printed.column(key).entries[name], tolerance_of(printed, key, name)
-    values = {release: [quantity(end, name) for end in ends] for release, ends in searches(key).items()}
+    values = {release: [end[name] for end in ends] for release, ends in searches(key).items()}
     every = [value for some in values.values() for value in some]
     shares = []
     for release, some in values.items():
@@ -251,11 +252,6 @@ def row(printed: Printed, key: str, name: str) -> Row:
 def searches(key: str) -> Mapping[str, list[End]]:
     """Return by release where the searches of a printed column end, one for each plan."""
     return {variant.release: stopping.column(key, variant) for variant in RELEASES}
-
-
-def quantity(end: End, name: str) -> float:
-    """Return a calibrated value, the kmrmse or the iterations of a search."""
-    return {"kmrmse": end.kmrmse, "iterations": float(end.iterations), **end.values}[name]
 
 
 def tolerance_of(printed: Printed, key: str, name: str) -> Tolerance:

@@ -5,7 +5,7 @@ budget (``results/reference/``). The plans are not published, so values agree in
 """
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -45,16 +45,15 @@ _METHODS = ("ga", "pso", "de")
 _RED = "#C00000"
 _STEPS, _BY = 6, 1e-4  # steps to the angle of a printed result on the gauge curve, and of its slope [rad]
 _SCALE = 4 * 244.0**2  # near zero J1 is J2 / (4 l_b^2) where all l_b are 244 mm
-_Cells = Sequence[tuple[str, str, dict[str, Any]]]  # key of the printed column, problem, options
-_TABLE2: _Cells = [
-    (f"table2.{e.lower()}_n{n}", "sensor_zero", {"error": e, "n": n}) for e in ("J1", "J2") for n in (3, 9)
-]
-_TABLE3: _Cells = [(f"table3.{error.lower()}", "link_length", {"error": error}) for error in ("J1", "J2", "J3")]
-_TABLE4: _Cells = [  # the 12 end millimetres off, on the gauge curve; the 11 precise
-    ("table4.j3_12", "full12", {"error": "J3", "gauge": "ya2"}),
-    ("table4.j3_11", "full11", {"error": "J3", "paper_section": 3}),
-]
-_TABLE7: _Cells = [("table7.de_j3", "full12", {"error": "J3", "gauge": "xa2"})]  # by DE alone
+# the printed columns of calibrated values, by key: problem and options
+COLUMNS: dict[str, tuple[str, dict[str, Any]]] = {
+    "table2.j1_n3": ("sensor_zero", {"error": "J1", "n": 3}), "table2.j1_n9": ("sensor_zero", {"error": "J1", "n": 9}),
+    "table2.j2_n3": ("sensor_zero", {"error": "J2", "n": 3}), "table2.j2_n9": ("sensor_zero", {"error": "J2", "n": 9}),
+    "table3.j1": ("link_length", {"error": "J1"}), "table3.j2": ("link_length", {"error": "J2"}),
+    "table3.j3": ("link_length", {"error": "J3"}), "table4.j3_12": ("full12", {"error": "J3", "gauge": "ya2"}),
+    "table4.j3_11": ("full11", {"error": "J3", "paper_section": 3}),
+}  # fmt: skip
+_DE = {"table7.de_j3": ("full12", {"error": "J3", "gauge": "xa2"})}
 
 
 def _table6(runs: pd.DataFrame) -> pd.DataFrame:
@@ -77,12 +76,14 @@ def _table6(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _calibrations(cells: _Cells, runs: pd.DataFrame) -> pd.DataFrame:
+def _calibrations(table: str, runs: pd.DataFrame) -> pd.DataFrame:
     """Return a table of calibrated values by every method that ran them; with the gauge also moved onto the truth."""
     rows = []
-    for key, problem, options in cells:
+    actual = constants.column(_PAPER, f"{table}.actual")
+    for key, (problem, options) in (COLUMNS | _DE).items():
+        if not key.startswith(table):
+            continue
         column = constants.column(_PAPER, key)
-        actual = constants.column(_PAPER, f"{key.partition('.')[0]}.actual")
         for _, cell in runs_of(runs, problem, options).groupby(CELL, sort=False, dropna=False):
             ours = {"kmrmse": cell["kmrmse"]}  # of the quantities in print: a row holds no such thing as iterations
             answered = cell[cell["parameter_values"].notna()]
@@ -117,9 +118,8 @@ def _calibrations(cells: _Cells, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 TABLES: Mapping[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
-    "table2": partial(_calibrations, _TABLE2), "table3": partial(_calibrations, _TABLE3),
-    "table4": partial(_calibrations, _TABLE4), "table6": _table6,
-    "table7": lambda runs: _calibrations(_TABLE7, runs[runs["optimizer"] == "de"]),
+    **{table: partial(_calibrations, table) for table in ("table2", "table3", "table4")}, "table6": _table6,
+    "table7": lambda runs: _calibrations("table7", runs[runs["optimizer"] == "de"]),
 }  # fmt: skip
 
 
@@ -332,24 +332,12 @@ def _column_title(key: str) -> str:
 
 def printed_values(name: str, problem: Any) -> Mapping[str, float]:
     """Return the paper's calibrated values for this problem and error function, corrected for misprints."""
-    options = getattr(problem, "options", {})  # a user's own has none, and no printed values
-    error = str(options.get("error", "")).lower()
-    section3 = options.get("gauge") == "ya2" or options.get("paper_section") == 3
-    if name == "sensor_zero":
-        key = f"table2.{error}_n{options['n']}"
-    elif name == "link_length":
-        key = f"table3.{error}"
-    elif name in ("full11", "full12") and section3:
-        key = f"table4.{error}_{name[-2:]}"
-    elif name == "full12":
-        key = f"table7.de_{error}"
-    else:
-        return {}
-    try:
-        column = constants.column(_PAPER, key)
-    except KeyError:
-        return {}
-    return {quantity: column[quantity] for quantity in column}
+    have = getattr(problem, "options", {})  # a user's own has none, and no printed values
+    for key, (of, options) in (COLUMNS | _DE).items():
+        if of == name and all(have.get(option) == value for option, value in options.items()):
+            column = constants.column(_PAPER, key)
+            return {quantity: column[quantity] for quantity in column}
+    return {}
 
 
 def where_searches_stopped(runs: pd.DataFrame) -> tuple[Mark, ...]:

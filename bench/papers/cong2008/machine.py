@@ -6,7 +6,7 @@ measured on a real machine whose readings are not published: what can be checked
 and whether the nine-point procedure does from these starts what it is said to do.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -363,20 +363,25 @@ def tracking_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
 
 def nine_point_rounds(step: float = 1.0) -> list[Array]:
     """Return the points of each round of the nine-point search on a bowl with its minimum at the start."""
-    rounds: list[Array] = []
+    bowl = Recorder(np.full(2, -15.0), np.full(2, 15.0), lambda points: np.asarray((points**2).sum(axis=1)))
+    bench.execute(bowl, optimizers.make("nine_point", step=step), budget=200)
+    return bowl.seen
 
-    class Bowl:
-        lower, upper, start = np.full(2, -15.0), np.full(2, 15.0), np.zeros(2)
 
-        def __call__(self, x: Array) -> float:
-            return float(x @ x)
+@final
+class Recorder:
+    """A function of points, shape (n, dim) to (n,), in a box that holds 0, its start; `seen` are the batches asked."""
 
-        def batch(self, points: Array) -> Array:
-            rounds.append(np.array(points))
-            return np.asarray((points**2).sum(axis=1))
+    def __init__(self, lower: Array, upper: Array, values: Callable[[Array], Array]) -> None:
+        self.lower, self.upper, self.start, self.values = lower, upper, np.zeros(len(lower)), values
+        self.seen: list[Array] = []
 
-    bench.execute(Bowl(), optimizers.make("nine_point", step=step), budget=200)
-    return rounds
+    def __call__(self, x: Array) -> float:
+        return float(self.values(x[None])[0])
+
+    def batch(self, points: Array) -> Array:
+        self.seen.append(np.array(points))
+        return self.values(points)
 
 
 def _consistency(printed: Printed, evidence: Evidence) -> Iterator[Row]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from calibench import bench, optimizers
 from calibench.bench.papers import ledger
-from calibench.bench.papers.cong2008.machine import columns, implied, nine_point_rounds
+from calibench.bench.papers.cong2008.machine import Recorder, columns, implied, nine_point_rounds
 from calibench.bench.papers.ledger import Array, Evidence, Ours, Printed, Row, Ruling, Tolerance
 from calibench.bench.provenance.run_id import options_of
 from calibench.bench.statistics.summary import goal_hits, median_of_reached
@@ -47,20 +47,6 @@ _SETTINGS = {
 }  # fmt: skip
 
 
-@final
-@dataclass(frozen=True)
-class Reading:
-    """A reading: its name, and the best values of its runs under each error function."""
-
-    name: str
-    best: Mapping[str, Array]
-
-    def distance(self, error: str, printed: float) -> float:
-        """Return the decades between the median and what is printed; infinite where nothing was run."""
-        best = self.best[error]
-        return ledger.decades_between(ledger.median(best), printed) if len(best) else np.inf
-
-
 def reading_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
     """Yield for each method the nearest reading over its column of Table 6, and for each of its cells."""
     asked = printed.column("section44")["evaluations"]
@@ -70,48 +56,54 @@ def reading_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
         # those that were run, that by default first
         runs = evidence.runs[(evidence.runs["study"] == _STUDY) & (evidence.runs["optimizer"] == method)]
         plainly = json.loads(json.dumps(dict(options_of(optimizers.make(method)))))
-        readings = []
+        levels = {error: printed.column(f"table6.{method}")[error.lower()] for error in _ERRORS}
+        best: dict[str, dict[str, Array]] = {}  # values of each reading's runs under each error function
         for text in sorted(set(runs["optimizer_options"]), key=lambda text: json.loads(text) != plainly):
             options = json.loads(text)
             changed = [f"{key}={value}" for key, value in options.items() if value != plainly[key]]
             mine = {error: evidence.of(_STUDY, "full12", method, {"error": error}, options) for error in _ERRORS}
-            values = {error: ledger.values_of(some, "best_value") for error, some in mine.items()}
-            readings.append(Reading(" ".join(changed).replace("False", "false") or _DEFAULT, values))
-        levels = {error: printed.column(f"table6.{method}")[error.lower()] for error in _ERRORS}
-        yield _column(printed, method, readings, levels, budget)
+            name = " ".join(changed).replace("False", "false") or _DEFAULT
+            best[name] = {error: ledger.values_of(some, "best_value") for error, some in mine.items()}
+        far = {  # decades between the median and what is printed; infinite where nothing was run
+            name: {error: ledger.decades_between(ledger.median(of[error]), levels[error]) for error in _ERRORS}
+            for name, of in best.items()
+        }
+        yield _column(printed, method, best, far, levels, budget)
         for error, level in levels.items():
-            order = sorted(readings, key=lambda reading: reading.distance(error, level))
-            ours = Ours.of(order[0].best[error]) if order else ledger.NOTHING
+            order = sorted(far, key=lambda name: far[name][error])
+            ours = Ours.of(best[order[0]][error]) if order else ledger.NOTHING
             ruling = ledger.judge_level(level, ours, budget, asked, _DECADE)
-            best = [reading.best[error] for reading in readings if len(reading.best[error])]
-            if any(np.median(values) >= level / 10 for values in best):  # one that is not too low yet may come to it
+            # one that is not too low yet may come to it
+            if any(len(of[error]) and np.median(of[error]) >= level / 10 for of in best.values()):
                 ruling = ledger.at_budget(ruling, budget, asked)
-            default = next((r.distance(error, level) for r in readings if r.name == _DEFAULT), np.nan)
+            default = far[_DEFAULT][error] if _DEFAULT in far else np.nan
             yield printed.claim(
                 f"reading_{method}_{error}", f"Table 6, {method.upper()} under {error}",
                 f"the reading of {method.upper()} that comes nearest under {error}", ours=ours, ruling=ruling,
                 rule="in kind within a decade; with less than the printed budget not reproduced where all are lower, "
                 "else open",
-                method=f"best {error}, the nearest of {len(readings)} readings, full12 (gauge=xa2), random plan",
-                reason=f"nearest: {order[0].name}, {order[0].distance(error, level):.2f} decades after {budget:.3g} "
-                f"evaluations; {_DEFAULT} {default:.2f}; farthest: {order[-1].name}, "
-                f"{order[-1].distance(error, level):.2f}"
+                method=f"best {error}, the nearest of {len(best)} readings, full12 (gauge=xa2), random plan",
+                reason=f"nearest: {order[0]}, {far[order[0]][error]:.2f} decades after {budget:.3g} evaluations; "
+                f"{_DEFAULT} {default:.2f}; farthest: {order[-1]}, {far[order[-1]][error]:.2f}"
                 if order else "none was run", unit="mm^2" if error == "J1" else "mm^4", printed=level,
                 about=f"table6.{method}.{error.lower()}", differs="it is the nearest of all readings after its own "
                 "budget, the cell the reading by default after another",
             )  # fmt: skip
 
 
-def _column(printed: Printed, method: str, readings: list[Reading], levels: Mapping[str, float], budget: float) -> Row:
-    far = {r.name: float(np.mean([r.distance(error, levels[error]) for error in _ERRORS])) for r in readings}
-    order = sorted(far, key=lambda name: far[name])
-    nearest = far[order[0]] if order else np.nan
+def _column(
+    printed: Printed, method: str, best: Mapping[str, Mapping[str, Array]], far: Mapping[str, Mapping[str, float]],
+    levels: Mapping[str, float], budget: float,
+) -> Row:  # fmt: skip
+    mean = {name: float(np.mean([*of.values()])) for name, of in far.items()}
+    order = sorted(mean, key=lambda name: mean[name])
+    nearest = mean[order[0]] if order else np.nan
     # more evaluations only lower a level: what a reading is too low by already, under the error where that is most, is
     # the least it can come to
-    too_low = []
-    for reading in readings:
-        lower = [error for error, best in reading.best.items() if len(best) and np.median(best) < levels[error]]
-        too_low.append(max((reading.distance(error, levels[error]) for error in lower), default=0.0))
+    too_low = [
+        max((far[name][error] for error, values in of.items() if ledger.median(values) < levels[error]), default=0.0)
+        for name, of in best.items()
+    ]
     least = min(too_low, default=np.nan)
     ruling = ledger.judge_limit(nearest, 0.0, 1.0)
     if not least > 1.0:
@@ -122,9 +114,9 @@ def _column(printed: Printed, method: str, readings: list[Reading], levels: Mapp
         ours=nearest if np.isfinite(nearest) else ledger.NOTHING, ruling=ruling,
         rule="true at no distance, in kind within a decade, over J1, J2 and J3; with less than the printed budget it "
         "is open until each reading is a decade too low under one of them",
-        method=f"least mean distance of {len(readings)} readings from the column of Table 6, decades of medians",
+        method=f"least mean distance of {len(best)} readings from the column of Table 6, decades of medians",
         reason=f"nearest: {order[0] if order else 'none was run'}. Decades from it: "
-        f"{'; '.join(f'{name} {far[name]:.2f}' for name in order)}. The reading that is least too low is so by "
+        f"{'; '.join(f'{name} {mean[name]:.2f}' for name in order)}. The reading that is least too low is so by "
         f"{least:.2f} decades under its worst error", unit="decades", printed=0.0,
     )  # fmt: skip
 
@@ -268,7 +260,7 @@ def _settings(printed: Printed, searches: _Searches) -> Iterator[Row]:
     how = "individuals drawn anew, seen at the gate on a function that never improves"
     stand_still = {"C1": 0.0, "C2": 0.0, "w_first": 0.0, "w_last": 0.0, "initial_velocity": "zero"}
     for method in ("ga", "pso"):
-        recorder, still = _Recorder(), stand_still if method == "pso" else {}
+        recorder, still = _never_improving(), stand_still if method == "pso" else {}
         bench.execute(recorder, optimizers.make(method, population=100, NR=1, **still), budget=1000)
         rounds = recorder.seen[:-1]  # the budget may have cut the last
         renewed = min(len(points) for points in rounds) / len(rounds[0])  # ga evaluates only who is new
@@ -347,25 +339,14 @@ def _decades(a: float, b: float) -> float:
     return float(np.log10(a / b)) if a > 0 and b > 0 else np.nan
 
 
-class _Recorder:
-    """A function on a box whose points are the integers that strings stand for; it never improves."""
-
-    def __init__(self) -> None:
-        self.lower, self.upper = np.zeros(_DIMENSION), np.full(_DIMENSION, 2.0**_BITS - 1)
-        self.start = self.lower.copy()
-        self.seen: list[Array] = []
-
-    def __call__(self, x: Array) -> float:
-        return 1.0
-
-    def batch(self, points: Array) -> Array:
-        self.seen.append(np.array(points))
-        return np.ones(len(points))
+def _never_improving() -> Recorder:
+    """Return a function whose points are the integers that strings stand for."""
+    return Recorder(np.zeros(_DIMENSION), np.full(_DIMENSION, 2.0**_BITS - 1), lambda points: np.ones(len(points)))
 
 
 def _generation(**options: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the strings of the first population and of its children, shapes (N, bits) and (N - 1, bits)."""
-    recorder = _Recorder()
+    recorder = _never_improving()
     ga = optimizers.make("ga", population=60, precision=1.0, tournament=1, **options)
     bench.execute(recorder, ga, budget=60 + 59)
     strings = []

@@ -14,11 +14,13 @@ from typing import Any, Literal, final
 
 import numpy as np
 
+from calibench.bench.papers.cong2008.figures import COLUMNS
 from calibench.bench.papers.ledger import Array, Evidence, Ours, Printed, Row, Ruling, Verdict, problem as make_problem
 from calibench.optimizers.fmincon import OptimValues, fmincon
 from calibench.optimizers.fmincon.options import StopPlace, absolute_stop
 
 Stop = Literal["relative"] | StopPlace
+End = Mapping[str, float]  # where a stop ends a search: kmrmse [mm], iterations, and the calibrated values by name
 STOPS: tuple[Stop, ...] = ("relative", "after_step", "next_gradient", "before_step")
 STEPS = ("typical_x", "gradient")
 # its own plan and random ones: ratios of Table 2 differ more between plans
@@ -28,14 +30,6 @@ _TOLERANCE = 1e-6  # TolX, TolFun and TolCon as they were by default
 _RELEASES: dict[tuple[str, Stop], str] = {
     ("gradient", "after_step"): "1998", ("gradient", "next_gradient"): "about 2002",
     ("typical_x", "next_gradient"): "2003-2008", ("typical_x", "before_step"): "2009",
-}  # fmt: skip
-
-COLUMNS: dict[str, tuple[str, dict[str, Any]]] = {
-    "table2.j1_n3": ("sensor_zero", {"error": "J1", "n": 3}), "table2.j1_n9": ("sensor_zero", {"error": "J1", "n": 9}),
-    "table2.j2_n3": ("sensor_zero", {"error": "J2", "n": 3}), "table2.j2_n9": ("sensor_zero", {"error": "J2", "n": 9}),
-    "table3.j1": ("link_length", {"error": "J1"}), "table3.j2": ("link_length", {"error": "J2"}),
-    "table3.j3": ("link_length", {"error": "J3"}), "table4.j3_12": ("full12", {"error": "J3", "gauge": "ya2"}),
-    "table4.j3_11": ("full11", {"error": "J3", "paper_section": 3}),
 }  # fmt: skip
 
 
@@ -56,16 +50,6 @@ class Variant:
 MATLAB = Variant("gradient", "next_gradient")  # what the preset fmincon_matlab is
 VARIANTS = tuple(Variant(step, stop) for step, stop in product(STEPS, STOPS))
 RELEASES = tuple(Variant(step, stop) for step, stop in _RELEASES)
-
-
-@final
-@dataclass(frozen=True)
-class End:
-    """Where a stop ends a search: kmrmse [mm] of the answer, iterations, and its calibrated values by name."""
-
-    kmrmse: float
-    iterations: int
-    values: Mapping[str, float]
 
 
 @final
@@ -164,7 +148,7 @@ def ends(problem: str, options: tuple[tuple[str, Any], ...], step: str) -> Mappi
         end(stop, len(points) - 1)  # one that was not met ends where the search did
         x, iterations = met[stop]
         values = dict(zip(names, map(float, built.physical(x)), strict=True))
-        answers[stop] = End(built.merit(x)["kmrmse"], iterations, values)
+        answers[stop] = {"kmrmse": built.merit(x)["kmrmse"], "iterations": float(iterations), **values}
     return answers
 
 
@@ -263,7 +247,7 @@ def judge_claim(claim: Claim) -> tuple[Judged, ...]:
     judged = []
     for variant in VARIANTS:
         pairs = zip(column(claim.above, variant), column(claim.below, variant), strict=True)
-        ratios = tuple(getattr(a, claim.quantity) / getattr(b, claim.quantity) for a, b in pairs)
+        ratios = tuple(a[claim.quantity] / b[claim.quantity] for a, b in pairs)
         judged.append(Judged(variant, ratios, claim.limits))
     return tuple(judged)
 
