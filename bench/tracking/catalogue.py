@@ -1,6 +1,6 @@
 """The catalogue: every study of runs, discovery and calibration below a folder, each a line that can be searched.
 
-An `Entry` is made of what lies in a study's folder, and of nothing else. Entries are kept in an index (SQLite) in the
+An `Entry` is made of what lies in a study's folder, and of nothing else. Entries are kept in an index (JSON) in the
 user's cache folder, so that results may be read-only; each is kept with the names, sizes and times of the files it was
 made of, and made again when these differ. Whoever deletes the index loses nothing but time. Links are not followed.
 """
@@ -8,12 +8,11 @@ made of, and made again when these differ. Whoever deletes the index loses nothi
 import json
 import os
 import re
-import sqlite3
 import stat
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, suppress
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from datetime import UTC, datetime, timedelta
 from fnmatch import fnmatchcase
@@ -21,6 +20,7 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, final, get_origin
 
+from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import (
     DISCOVERY,
     KIND,
@@ -83,6 +83,7 @@ class Entry:
     archived: bool = False
 
 
+Kept = dict[str, tuple[str, Entry | None]]  # by a folder's name: the state of its files, and None if it is not ours
 COLUMNS = tuple(one.name for one in fields(Entry))
 _TUPLES = tuple(one.name for one in fields(Entry) if get_origin(one.type) is tuple)
 
@@ -116,22 +117,32 @@ def entries(results: Path) -> Iterator[Entry]:
         raise ValueError(f"{results}: there is no such results folder; name one that has studies in it")
     with suppress(OSError):  # a mount that can no longer be reached
         results = results.resolve()
-    index = _Index(results)
+    digest = blake2b(os.fsencode(results), digest_size=12).hexdigest()
+    path = cache_root() / "studies" / f"{digest}-{_VERSION}.json"
+    kept, now = _read_index(path), Kept()
+    foreign: set[str] = set()  # folders whose manifest is not ours
     fresh = time.time_ns() - int(_FRESH * 1e9)
-    for name, path, files in _walk(results, index):
+    for name, folder, files in _walk(results, foreign):
         files.sort()
         state = "/".join([f"{one} {size} {time_ns} {number}" for one, size, time_ns, number in files])
-        entry, is_known = index.known(name, state)
-        if not is_known:
-            entry = _read(path, name)
-            settled = entry is None or entry.status != "damaged"
-            index.keep(name, state, entry, settled and max(file[2] for file in files) < fresh)
-        if entry is not None:
+        before, entry = kept.get(name, ("", None))
+        if before:
+            now[name] = kept[name]
+        if before != state:
+            entry = _read(folder, name)
+            if (entry is None or entry.status != "damaged") and max(file[2] for file in files) < fresh:
+                now[name] = state, entry
+        if entry is None:
+            foreign.add(name)
+        else:
             yield entry
-    index.close()
+    if now != kept:
+        with suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(path, lambda file: file.write(json.dumps(now, default=vars).encode()))
 
 
-def _walk(results: Path, index: "_Index") -> Iterator[tuple[str, str, list[File]]]:
+def _walk(results: Path, foreign: Container[str]) -> Iterator[tuple[str, str, list[File]]]:
     """Yield of each folder that may be a study its name below `results`, its path, and its files."""
     waiting, looked_at = [("", str(results))], 0
     while waiting:
@@ -155,7 +166,7 @@ def _walk(results: Path, index: "_Index") -> Iterator[tuple[str, str, list[File]
             continue
         if any(file[0] in _MARKS for file in files):
             yield name or results.name, path, files
-            if (name or results.name) not in index.foreign:
+            if (name or results.name) not in foreign:
                 continue
         waiting += below
 
@@ -168,63 +179,15 @@ def _file_of(one: "os.DirEntry[str]") -> File:
     return one.name, found.st_size, found.st_mtime_ns, found.st_ino
 
 
-@final
-class _Index:
-    """Entries by the names of their folders, as an earlier look found them. Any trouble with its file is no trouble."""
-
-    def __init__(self, results: Path) -> None:
-        digest = blake2b(os.fsencode(results), digest_size=12).hexdigest()
-        self.path = cache_root() / "studies" / f"{digest}-{_VERSION}.sqlite"
-        self.foreign: set[str] = set()  # folders whose manifest is not ours
-        self._seen: set[str] = set()
-        self._new: list[tuple[str, str, str]] = []
-        self._rows: dict[str, tuple[str, Entry | None]] = {}
-        try:
-            with closing(sqlite3.connect(f"{self.path.as_uri()}?mode=ro", uri=True, timeout=5)) as file:
-                kept = file.execute("select name, state, entry from entries").fetchall()
-            rows = json.loads(f"[{','.join([text for _, _, text in kept])}]")  # ten thousand calls take longer
-            self._rows = {
-                name: (state, None if row is None else Entry(**row | {key: tuple(row[key]) for key in _TUPLES}))
-                for (name, state, _), row in zip(kept, rows, strict=True)
-            }
-        except (sqlite3.Error, TypeError, ValueError, KeyError):  # none yet, or a hand has been at it
-            pass
-
-    def known(self, name: str, state: str) -> tuple[Entry | None, bool]:
-        """Return the entry of a folder, None where it is none of ours, and whether its files are as they were."""
-        self._seen.add(name)
-        kept, entry = self._rows.get(name, ("", None))
-        if kept == state and entry is None:
-            self.foreign.add(name)
-        return entry, kept == state
-
-    def keep(self, name: str, state: str, entry: Entry | None, settled: bool) -> None:
-        """Remember what was read, where its files are `settled` also for the next look."""
-        if entry is None:
-            self.foreign.add(name)
-        if settled and f"{name}{state}".isprintable():  # a name that is no Unicode is nothing that SQLite takes
-            self._new.append((name, state, json.dumps(None if entry is None else asdict(entry))))
-
-    def close(self) -> None:
-        """Write what is new, and forget what is gone."""
-        gone = [(name,) for name in self._rows.keys() - self._seen]
-        if not self._new and not gone:
-            return
-        for _ in range(2):  # a file that is none of SQLite's is begun anew
-            try:
-                self.path.parent.mkdir(parents=True, exist_ok=True)
-                with closing(sqlite3.connect(self.path, timeout=5)) as file, file:
-                    file.execute("create table if not exists entries (name text primary key, state text, entry text)")
-                    file.executemany("insert or replace into entries values (?, ?, ?)", self._new)
-                    file.executemany("delete from entries where name = ?", gone)
-                return
-            except sqlite3.OperationalError:  # held by another, or the folder cannot be written
-                return
-            except (sqlite3.DatabaseError, UnicodeError):
-                with suppress(OSError):
-                    self.path.unlink(missing_ok=True)
-            except OSError:
-                return
+def _read_index(path: Path) -> Kept:
+    """Return what an earlier look found; nothing of a file that is not there, or that a hand has been at."""
+    try:
+        return {
+            name: (state, None if row is None else Entry(**row | {key: tuple(row[key]) for key in _TUPLES}))
+            for name, (state, row) in json.loads(path.read_bytes()).items()
+        }
+    except (OSError, AttributeError, TypeError, ValueError, KeyError):
+        return {}
 
 
 def _read(path: str, name: str) -> Entry | None:

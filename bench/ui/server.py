@@ -21,7 +21,6 @@ from fnmatch import fnmatchcase
 from functools import cache
 from hashlib import blake2b
 from hmac import compare_digest
-from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal, cast, final
@@ -44,7 +43,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from calibench.bench.exchange.studies import traces_by_run
 from calibench.bench.execution.in_progress import Running, hosts_at_work, read_running
-from calibench.bench.report.one_run import Found, show_run
+from calibench.bench.report.one_run import find_run, show_run
 from calibench.bench.report.shared.page import render
 from calibench.bench.report.study.explored import LIBRARY, as_json, policy, read_static
 from calibench.bench.report.study.page import StudyPage
@@ -57,7 +56,7 @@ from calibench.bench.statistics.targets import levels_of
 from calibench.bench.statistics.two_studies import compare
 from calibench.bench.store.arrays import POINT, Array
 from calibench.bench.store.journal import journals_in
-from calibench.bench.store.manifest import read_notes, write_notes
+from calibench.bench.store.manifest import StoreError, read_notes, write_notes
 from calibench.bench.store.runs import ResultStore, locked
 from calibench.bench.tracking import history
 from calibench.bench.tracking.catalogue import Entry, catalogue, line_of
@@ -71,7 +70,6 @@ _KEPT = 4  # pages of studies
 _CELLS = 20  # histories on a page
 _NAMED = ("problem", "optimizer")
 _LARGEST_FORM = 100_000  # bytes
-_MOST_FOLLOWED = 20  # sweeps at a time
 _ORDERS: tuple[By, ...] = ("goal", "value", "charged")
 _COLUMNS = ("run_id", "problem", "optimizer", "repetition", "status", "stop_reason", "best_value", "charged", "wall_s")
 _NUMBERS = ("repetition", "best_value", "charged", "wall_s")
@@ -195,8 +193,6 @@ class _Site:
         self._until = 0.0
         self._pages: OrderedDict[tuple[Any, ...], str] = OrderedDict()
         self._lock = threading.Lock()  # pages of studies are made one by one
-        self._followed = 0
-        self._is_ready = False
 
     def page(self, make: Callable[[Request], Response]) -> Callable[[Request], Response]:
         """Return an endpoint, carried out by a thread: it imports no class that a file names."""
@@ -208,11 +204,9 @@ class _Site:
             except ValueError as error:
                 raise HTTPException(422, " ".join(str(error).split())) from None
 
-        answer.__name__ = make.__name__
         return answer
 
     def refuse(self, request: Request, error: Exception) -> Response:
-        """Return the page of a request that makes no sense."""
         assert isinstance(error, HTTPException)
         text = {404: "There is no such page, or its study is gone."}.get(error.status_code, error.detail)
         if "part" in request.query_params:
@@ -253,7 +247,6 @@ class _Site:
         return folder, entry
 
     def catalogue(self, request: Request) -> Response:
-        """Answer with the list of studies that keep to the words."""
         query = request.query_params.get("q", "")
         words = query.split()
         asked = [word for word in words if "=" in word]
@@ -268,9 +261,6 @@ class _Site:
             error = str(problem).removeprefix("studies: ")
         first = _whole(request.query_params.get("from", "0"))
         rows = [self._line(entry) for entry in lines[first : first + _ROWS]]
-        if not self._is_ready:  # what the page of a study needs takes a second to load: while the list is being read
-            self._is_ready = True
-            threading.Thread(target=import_module, args=("scipy.stats",), daemon=True).start()
         template = "catalogue_rows" if "part" in request.query_params else "catalogue"
         return self._html(
             template, "Studies", rows=rows, query=query, first=first, step=_ROWS, count=len(lines), error=error
@@ -376,26 +366,18 @@ class _Site:
         )  # fmt: skip
 
     def run(self, request: Request) -> Response:
-        """Answer with the story of a run, as `bench show` tells it."""
         folder, _, values = self._frame(request)
-        store = ResultStore(folder)
-        runs = store.runs()
-        mine = runs[runs["run_id"] == request.path_params["run"]]
-        if mine.empty:
-            raise HTTPException(404)
-        traces = store.traces()
-        row = {str(name): value for name, value in mine.iloc[0].to_dict().items()}
-        trace = traces[traces["run_id"] == row["run_id"]].reset_index(drop=True)
-        story = show_run(Found(row, trace, folder))
-        curve = {
-            "x": trace["charged"].tolist(), "y": [v if abs(v) < float("inf") else None for v in trace["best_value"]]
-        }  # fmt: skip
+        try:
+            found = find_run(folder, request.path_params["run"])
+        except StoreError:
+            raise HTTPException(404) from None
+        row, trace = found.row, found.trace
+        curve = {"x": trace["charged"].tolist(), "y": [v if np.isfinite(v) else None for v in trace["best_value"]]}
         title = f"{row['optimizer']} on {row['problem']}, run {row['run_id']}"
         numbers = _numbers(methods=[{"name": str(row["optimizer"])}], curve=curve)
-        return self._html("run", title, **values, story=story, row=row, numbers=numbers, tab="runs")
+        return self._html("run", title, **values, story=show_run(found), row=row, numbers=numbers, tab="runs")
 
     def live(self, request: Request) -> Response:
-        """Answer with the page that follows a sweep."""
         _, entry, values = self._frame(request)
         if entry.kind != "runs":
             raise HTTPException(404)
@@ -406,28 +388,21 @@ class _Site:
         folder, entry = await run_in_threadpool(self._asked, request.path_params["id"])
         if entry.kind != "runs":
             raise HTTPException(404)
-        if self._followed >= _MOST_FOLLOWED:
-            raise HTTPException(429, f"{_MOST_FOLLOWED} sweeps are followed already: close a page")
 
         async def events() -> AsyncIterator[bytes]:
-            self._followed += 1
-            try:
-                follower = Follower(folder)
-                while True:
-                    began = time.monotonic()
-                    try:
-                        news = await run_in_threadpool(follower.look)
-                        yield as_event(news) if news is not None else b": nothing new\n\n"
-                    except (ValueError, OSError) as error:  # it is being written, or is gone
-                        yield as_event({"error": " ".join(str(error).split())})
-                    await anyio.sleep(max(_EVERY, 3 * (time.monotonic() - began)))
-            finally:
-                self._followed -= 1
+            follower = Follower(folder)
+            while True:
+                began = time.monotonic()
+                try:
+                    news = await run_in_threadpool(follower.look)
+                    yield as_event(news) if news is not None else b": nothing new\n\n"
+                except (ValueError, OSError) as error:  # it is being written, or is gone
+                    yield as_event({"error": " ".join(str(error).split())})
+                await anyio.sleep(max(_EVERY, 3 * (time.monotonic() - began)))
 
         return StreamingResponse(events(), media_type="text/event-stream")
 
     async def note(self, request: Request) -> Response:
-        """Write a note or tags, and go back to the study."""
         size, body = 0, b""
         async for part in request.stream():
             size += len(part)
@@ -448,7 +423,6 @@ class _Site:
     # -- over studies
 
     def compare(self, request: Request) -> Response:
-        """Answer with two studies side by side."""
         given = request.query_params
         by: By = next((one for one in _ORDERS if one == given.get("by")), "goal")
         sides = [self._asked(given.get(name, "")) for name in ("a", "b")]
@@ -692,5 +666,4 @@ def _rounded(values: Array) -> list[float | None]:
 
 
 def as_event(event: dict[str, Any]) -> bytes:
-    """Return a server-sent event."""
     return f"data: {json.dumps(event, separators=(',', ':'), allow_nan=False)}\n\n".encode()

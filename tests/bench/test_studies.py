@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import sqlite3
 import subprocess
 import sys
 from pathlib import Path
@@ -109,22 +108,21 @@ def test_a_file_that_has_just_changed_is_not_kept(results, monkeypatch):
 @pytest.mark.parametrize(
     "spoil",
     [
-        lambda path: path.write_bytes(b"no database"), lambda path: path.write_bytes(b"SQLite format 3\0"),
-        lambda path: _rows(path, "[]"), lambda path: _rows(path, '{"study": 3}'),
+        lambda path: path.write_bytes(b"\xffno index"), lambda path: path.write_text("[]"),
+        lambda path: _rows(path, []), lambda path: _rows(path, {"study": 3}),
     ],
 )  # fmt: skip
 def test_a_spoilt_index_is_no_trouble(results, cache, spoil):
     before = catalogue(results)
-    [path] = cache.rglob("*.sqlite")
+    [path] = cache.rglob("studies/*.json")
     spoil(path)
     assert catalogue(results) == before
     assert catalogue(results) == before
 
 
-def _rows(path, text):
-    with sqlite3.connect(path) as file:
-        file.execute("update entries set entry = ?", (text,))
-    file.close()
+def _rows(path, row):
+    kept = json.loads(path.read_text())
+    path.write_text(json.dumps({name: [state, row] for name, (state, _) in kept.items()}))
 
 
 def test_where_nothing_can_be_written_all_is_read(results, cache, monkeypatch):

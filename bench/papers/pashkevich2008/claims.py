@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from calibench.bench.papers import ledger
 from calibench.bench.papers.ledger import Array, Printed, Row, Tolerance
 from calibench.bench.papers.pashkevich2008 import machine
-from calibench.bench.papers.pashkevich2008.machine import fitted, rms, rms_tolerance, table1, table2
+from calibench.bench.papers.pashkevich2008.machine import fitted, rms, rms_row, rms_tolerance, table1, table2
 from calibench.discrepancy import machines
 from calibench.discrepancy.fitting.small_sample import Supported, linear, small_sample
 from calibench.discrepancy.machines.orthoglide.experiments import ORIENTATION, PLAUSIBLE, effect_of
@@ -201,8 +201,8 @@ def text_rows(printed: Printed) -> Iterator[Row]:
     yield printed.unknown(f"{key}.better_resolution", "a gauge that was not used")
     for name, stroke in (("rho_min", "stroke_minus"), ("rho_max", "stroke_plus")):
         yield printed.cell(f"{key}.{name}", printed.column("geometry")[stroke], _EXACT, "the strokes of section 2.3")
-    yield printed.unknown(f"{key}.repeats", "the repeated readings are not published")
-    yield printed.unknown(f"{key}.dissimilarity_below", "the repeated readings are not published")
+    for name in ("repeats", "dissimilarity_below"):
+        yield printed.unknown(f"{key}.{name}", "the repeated readings are not published")
     yield from _experiments(printed, resolution)
     # 'dividing the residual root-mean-square by three' does not say of which table
     pairs = [(table(printed, "exp2"), table(printed, "exp3")) for table in (table1, table2)]
@@ -220,14 +220,9 @@ def text_rows(printed: Printed) -> Iterator[Row]:
 def _experiments(printed: Printed, resolution: float) -> Iterator[Row]:
     key, values, fit = "text.experiment1", table1(printed, "exp1"), fitted("exp1", "rho")
     yield printed.cell(f"{key}.largest", float(np.abs(values).max()), _EXACT, "largest deviation of Table 1")
-    tolerance = rms_tolerance(values, 1, fit.slip)
-    yield printed.cell(f"{key}.rms_before", rms(values), tolerance, "rms of Table 1, Measurements #1")
-    residual_maker = np.eye(6) - fit.predictor
-    left = residual_maker @ fit.data
-    yield printed.cell(
-        f"{key}.rms_after", rms(left), rms_tolerance(left, 1, residual_maker @ fit.slip),
-        "rms left by the {rho} fit of Table 1, Measurements #1",
-    )  # fmt: skip
+    yield rms_row(printed, f"{key}.rms_before", values, "rms of Table 1, Measurements #1", fit.slip)
+    left, how = fit.residual_maker @ fit.data, "rms left by the {rho} fit of Table 1, Measurements #1"
+    yield rms_row(printed, f"{key}.rms_after", left, how, fit.residual_maker @ fit.slip)
     how = "resolution of the indicators, section 4.1"
     yield printed.cell(f"{key}.encoder_resolution", resolution, _RESOLUTION, how)
     key, six, twelve = "text.experiment2", table1(printed, "exp2"), table2(printed, "exp2")
@@ -238,11 +233,12 @@ def _experiments(printed: Printed, resolution: float) -> Iterator[Row]:
     )  # fmt: skip
     ratio, half = rms(values) / rms(six), Tolerance(0.5, "half a printed digit")
     yield printed.cell(f"{key}.times_better", ratio, half, "rms of Table 1, Measurements #1 over #2")
-    left = fitted("exp2_t1", "rho").residuals
-    yield printed.cell(f"{key}.expected", rms(left), rms_tolerance(left), "rms left by the {rho} fit of Table 1")
+    yield rms_row(
+        printed, f"{key}.expected", fitted("exp2_t1", "rho").residuals, "rms left by the {rho} fit of Table 1"
+    )
     sets = len(constants.document("pashkevich2008")["table3"])
     yield printed.cell(f"{key}.parameter_sets", sets, _EXACT, "rows of Table 3")
-    yield printed.cell(f"{key}.rms_before", rms(twelve), rms_tolerance(twelve), "rms of Table 2, Experiment 2")
+    yield rms_row(printed, f"{key}.rms_before", twelve, "rms of Table 2, Experiment 2")
     for name, frees in (("rms_one_set", ("rho", "L")), ("rms_full", ("full",))):
         kept = [fitted("exp2", free).residuals for free in frees]
         yield printed.cell(
@@ -257,15 +253,10 @@ def _experiments(printed: Printed, resolution: float) -> Iterator[Row]:
             f"largest of the twelve deviations of Table 2, Experiment {number}",
             reason=f"the second is {ordered[1]:.2f}",
         )  # fmt: skip
-    yield printed.cell(f"{key}.rms_before", rms(twelve), rms_tolerance(twelve), "rms of Table 2, Experiment 2")
-    tolerance = rms_tolerance(after, 1, fit.slip)
-    yield printed.cell(f"{key}.rms_after", rms(after), tolerance, "rms of Table 2, Experiment 3")
-    residual_maker = np.eye(12) - fit.predictor
-    left = residual_maker @ fit.data
-    yield printed.cell(
-        f"{key}.rms_expected", rms(left), rms_tolerance(left, 1, residual_maker @ fit.slip),
-        "rms left by the {rho} fit of Table 2, Experiment 3",
-    )  # fmt: skip
+    yield rms_row(printed, f"{key}.rms_before", twelve, "rms of Table 2, Experiment 2")
+    yield rms_row(printed, f"{key}.rms_after", after, "rms of Table 2, Experiment 3", fit.slip)
+    left, how = fit.residual_maker @ fit.data, "rms left by the {rho} fit of Table 2, Experiment 3"
+    yield rms_row(printed, f"{key}.rms_expected", left, how, fit.residual_maker @ fit.slip)
 
 
 def equation_rows(printed: Printed) -> Iterator[Row]:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from calibench import problems
 from calibench.bench.papers.ledger import Printed, Row, Tolerance
-from calibench.bench.papers.pashkevich2008.machine import HALF, fitted, rms, rms_tolerance, table1, table2
+from calibench.bench.papers.pashkevich2008.machine import HALF, fitted, rms, rms_row, rms_tolerance, table1, table2
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
 from calibench.bench.report.study.additions import AddedFigure, Addition
 from calibench.bench.statistics.names import options_seen
@@ -65,20 +65,17 @@ def rows(printed: Printed) -> Iterator[Row]:
             if name != "rms":
                 yield printed.unknown(f"table1.{key}.{name}", method=_MEASURED)
                 continue
-            values = table1(printed, key)
-            tolerance = rms_tolerance(values, 1, fit.slip)
-            yield printed.cell(f"table1.{key}.rms", rms(values), tolerance, "rms of the six deviations above")
-        residual_maker = np.eye(len(fit.data)) - fit.predictor
+            how = "rms of the six deviations above"
+            yield rms_row(printed, f"table1.{key}.rms", table1(printed, key), how, fit.slip)
+        maker = fit.residual_maker
         for name in printed.column(f"table1.{key}_expected"):
+            cell = f"table1.{key}_expected.{name}"
             if name == "rms":
-                values = residual_maker @ fit.data
-                ours, method = rms(values), "rms left by the {rho} fit of the six deviations"
-                tolerance = rms_tolerance(values, 1, residual_maker @ fit.slip)
-            else:
-                row = residual_maker[fit.labels.index(name)]
-                ours, method = float(row @ fit.data), "residual of the {rho} fit, data - model"
-                tolerance = fit.tolerance(row, "the cell")
-            yield printed.cell(f"table1.{key}_expected.{name}", ours, tolerance, method)
+                how = "rms left by the {rho} fit of the six deviations"
+                yield rms_row(printed, cell, maker @ fit.data, how, maker @ fit.slip)
+                continue
+            row, how = maker[fit.labels.index(name)], "residual of the {rho} fit, data - model"
+            yield printed.cell(cell, float(row @ fit.data), fit.tolerance(row, "the cell"), how)
     for key, data in (("exp2", "exp2"), ("exp3", "exp3_t2")):
         yield from _table2(printed, key, data)
     for free in _FREE:
@@ -87,10 +84,7 @@ def rows(printed: Printed) -> Iterator[Row]:
         column = printed.column(key)
         for name in column:
             if name == "residual":
-                residuals = fit.residuals
-                yield printed.cell(
-                    f"{key}.residual", rms(residuals), rms_tolerance(residuals), "rms left by the linear fit"
-                )
+                yield rms_row(printed, f"{key}.residual", fit.residuals, "rms left by the linear fit")
                 continue
             at, reason = names.index(name), ""
             tolerance = Tolerance(0.01, "printed digits are cut off or rounded: one unit of the last")
@@ -114,8 +108,8 @@ def _table2(printed: Printed, key: str, data: str) -> Iterator[Row]:
         if name != "average":
             yield printed.unknown(f"table2.{key}.{name}", method=_MEASURED)
             continue
-        tolerance = rms_tolerance(taken, 1, fitted(data, "full").slip)
-        yield printed.cell(f"table2.{key}.average", rms(taken), tolerance, "rms of the twelve deviations above")
+        slip = fitted(data, "full").slip
+        yield rms_row(printed, f"table2.{key}.average", taken, "rms of the twelve deviations above", slip)
     for free in _FREE:
         fit = fitted(data, free)
         for name in printed.column(f"table2.{key}_{free}"):

@@ -184,10 +184,14 @@ class Fit:
     predictor: Array
     residuals: Array
 
+    @property
+    def residual_maker(self) -> Array:
+        return np.eye(len(self.data)) - self.predictor
+
     def datum_behind(self, label: str, cells: Array, data: Array) -> tuple[float, float]:
         """Return the datum `label` that gives the printed `cells` (six residuals or twelve predictions), and its slack,
         mm: what half a digit of each cell and of each other datum is worth."""
-        matrix = np.eye(6) - self.predictor if len(cells) == 6 else self.predictor
+        matrix = self.residual_maker if len(cells) == 6 else self.predictor
         at = self.labels.index(label)
         weights = matrix[:, at] / (matrix[:, at] @ matrix[:, at])
         others = np.delete(weights @ matrix, at)
@@ -241,6 +245,11 @@ def rms_tolerance(values: Array, rounded: int = 1, slip: Array | None = None) ->
     if slip is not None and slip.any():
         why += ", and the datum believed misprinted"
     return Tolerance(HALF + 1e-9, why, in_kind)
+
+
+def rms_row(printed: Printed, key: str, values: Array, method: str, slip: Array | None = None) -> Row:
+    """Return the row of a printed rms of `values`; `slip` is what the datum believed misprinted changes in them."""
+    return printed.cell(key, rms(values), rms_tolerance(values, 1, slip), method)
 
 
 def table1(printed: Printed, key: str) -> Array:
