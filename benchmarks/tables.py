@@ -1,99 +1,19 @@
-"""The tables of docs/optimizers.md and docs/effects.md, made from what the adapters obey and the catalogue holds.
+"""The tables of docs/effects.md, made from what the catalogue holds.
 
-``python -m benchmarks.tables`` writes those of docs/optimizers.md, each between ``<!-- begin NAME -->`` and
-``<!-- end NAME -->``; the words around them are written by hand. ``python -m benchmarks.tables effects`` prints those
-of docs/effects.md, whose rows are put there by hand. Tests hold both pages to them.
+``python -m benchmarks.tables`` prints them; their rows are put there by hand, and a test holds the page to them.
 """
 
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from calibench.bench.report.shared.page import table
 from calibench.discrepancy.model.effect import EffectFamily
 from calibench.discrepancy.registries import GENERAL, machines, own_families
 from calibench.discrepancy.thresholds import about
-from calibench.optimizers.nlopt import ROUNDING, SETTINGS, Setting
-from calibench.optimizers.pygmo import RULES
-from calibench.optimizers.scipy import SETTINGS as OF_SCIPY
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "optimizers.md"
-_EXAMPLES = ((2, 1000), (12, 5000), (20, 20_000))  # dimension, budget
 _OF_EFFECTS = ("Family", "What goes wrong", "Formula", "Columns", "Unit", "Targets", "Twins")
-
-
-def nlopt_table() -> str:
-    """Return what each NLopt algorithm is given, a row for those that are given the same for the same reason."""
-    rows = [
-        [
-            ", ".join(f"`{name}`" for name in setting.algorithms),
-            "matters: divided" if setting.size_matters else "no effect",
-            _tolerances(setting),
-            setting.memory,
-            setting.population,
-            setting.why,
-        ]
-        for setting in SETTINGS
-    ]
-    return table(["algorithms", "the value's size", "tolerances", "memory", "population", "why"], rows)
-
-
-def _tolerances(setting: Setting) -> str:
-    """Return the tests that may end a search, in words."""
-    tests = [f"`{name}` = {value:g}" for name, value in setting.parameters.items()]
-    if setting.inner_tolerance is not None:
-        tests.append(f"`local_tolerance` = {setting.inner_tolerance:g} (ftol_rel and xtol_rel of the inner method)")
-    if setting.step_ends != "never":
-        only = " with restarts" if setting.step_ends == "restarted" else ""
-        tests.append(f"`xtol_rel` = {ROUNDING:g}{only}")
-    return ", ".join(tests) if tests else "none"
-
-
-def scipy_table() -> str:
-    """Return what each method of SciPy is given and why."""
-    rows = [
-        [
-            f"`{name}`",
-            setting.word or f"{name}()",
-            ", ".join(f"`{option}` = {value}" for option, value in setting.given.items()) or "none",
-            setting.why,
-        ]
-        for name, setting in OF_SCIPY.items()
-    ]
-    return table(["scipy_", "SciPy's own", "given", "why"], rows)
-
-
-def pygmo_table() -> str:
-    """Return how many members the populations of each method have: its rule, and where that is from."""
-    examples = [f"d = {d}, B = {budget}" for d, budget in _EXAMPLES]
-    rows = [
-        [
-            f"`{rule.method}`",
-            f"`{rule.name}`{f', at least {rule.least}' if rule.generations else ''}",
-            *(str(rule.size(d, budget)) for d, budget in _EXAMPLES),
-            f"{rule.source} ({rule.read})" if rule.read else rule.source,
-            rule.why,
-        ]
-        for rule in RULES.values()
-    ]
-    return table(["algorithm", "members", *examples, "source", "why"], rows)
-
-
-TABLES = {"scipy": scipy_table, "nlopt": nlopt_table, "pygmo": pygmo_table}
-
-
-def filled(page: str) -> str:
-    """Return the text of the page with its tables made anew. Raises `ValueError` where a table's marks are missing."""
-    for name, make in TABLES.items():
-        begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
-        if begin not in page or end not in page:
-            raise ValueError(f"{PAGE.name}: the marks of the table {name} are missing")
-        before, _, rest = page.partition(begin)
-        page = f"{before}{begin}\n{make()}\n{end}{rest.partition(end)[2]}"
-    return page
 
 
 def effects_table(machine: str) -> str:
@@ -156,9 +76,6 @@ def _waves(rows: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] == ["effects"]:
-        print(f"{bounds_table()}\n")
-        for name in (GENERAL, *machines.names()):
-            print(f"## {name}\n\n{effects_table(name)}\n")
-    else:
-        PAGE.write_text(filled(PAGE.read_text()))
+    print(f"{bounds_table()}\n")
+    for name in (GENERAL, *machines.names()):
+        print(f"## {name}\n\n{effects_table(name)}\n")

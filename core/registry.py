@@ -9,6 +9,7 @@ what was typed in this process; it imports nothing else unless the user trusts t
 import ast
 import difflib
 import importlib
+import operator
 import sys
 import weakref
 from collections.abc import Callable, Iterator, Mapping
@@ -172,21 +173,16 @@ class Registry(Generic[T]):
         known = self.told_name(name)
         given = checked_options(known, self._declared(known), options)
         factory = self._by_path[known] if ":" in known else self._factories[known]
-        shared = {key: option.default for key, option in self._declared(known).items()}
-        defaults = {key: _copied(value) for key, value in shared.items()}
+        defaults = {key: option.default for key, option in self._declared(known).items()}
+        # lists and arrays are each object's own, defaults too: what it does to them reaches no other
+        own = {key: copy for key, value in defaults.items() if (copy := _copied(value)) is not value}
         try:
-            thing = factory(**{key: _copied(value) for key, value in given.items()})  # what is asked for stays as it is
+            thing = factory(**own | {key: _copied(value) for key, value in given.items()})
         except ValueError as error:
             if ":" not in known:
                 raise
             asked = "".join(f" {key}={shown(value)}" for key, value in given.items())
             raise ValueError(f"{known}{asked}: {error}") from error  # a class of a user's says what, and not where
-        for key, value in defaults.items():
-            if not _is_as_before(shared[key], value):
-                raise ValueError(
-                    f"{known} changes its own default {key}={shown(value)}, which all its objects share, to "
-                    f"{shown(shared[key])}; let it change a copy"
-                )
         number = id(thing)
         try:
             get: Callable[[], Any] = weakref.ref(thing, lambda _: self._made.pop(number, None))
@@ -347,21 +343,9 @@ def _copied(value: Any, depth: int = 0) -> Any:
     if type(value) is dict:
         return {key: _copied(item, depth + 1) for key, item in value.items()}
     if type(value) in (list, tuple):
-        return type(value)(_copied(item, depth + 1) for item in value)
+        items = [_copied(item, depth + 1) for item in value]
+        return items if type(value) is list else value if all(map(operator.is_, items, value)) else tuple(items)
     return set(value) if type(value) is set else value
-
-
-def _is_as_before(value: Any, before: Any) -> bool:
-    """Tell whether nothing was changed in `value` since `_copied` returned `before`."""
-    if value is before:
-        return True
-    if type(value) is dict:
-        return [*value] == [*before] and all(_is_as_before(value[key], before[key]) for key in value)
-    if type(value) in (list, tuple):
-        return len(value) == len(before) and all(map(_is_as_before, value, before))
-    if type(value).__name__ == "ndarray":
-        return bool(value.shape == before.shape and value.dtype == before.dtype and value.tobytes() == before.tobytes())
-    return type(value) is set and bool(value == before)
 
 
 def _own_names(module: ModuleType, kind: str) -> list[str]:

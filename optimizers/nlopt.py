@@ -1,11 +1,11 @@
 """NLopt's algorithms, each under its own name: ``nlopt_LN_BOBYQA`` is NLopt's LN_BOBYQA.
 
-`SETTINGS` says what each is given and why; listing needs no NLopt. The search runs in the unit box and on the value
-divided by its first size. Nothing may be raised inside NLopt's callback: it is kept, and raised again outside.
+docs/optimizers.md says what each is given and why; listing needs no NLopt. The search runs in the unit box and on the
+value divided by its first size. Nothing may be raised inside NLopt's callback: it is kept, and raised again outside.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, make_dataclass
+from dataclasses import dataclass, make_dataclass
 from functools import partial
 from typing import Any, ClassVar, Literal, final
 
@@ -14,6 +14,8 @@ import numpy as np
 from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
 from calibench.optimizers.derivatives import value_and_gradient
 
+ROUNDING = 1e-15
+_NO_GRADIENT_TEST = 1e-30  # 0 would mean NLopt's own 1e-8, an absolute slope, which after the division comes early
 _LARGEST = 1e100  # stands for an infinite value: models built through inf become NaN
 _NOTHING: Any = lambda _point, _gradient: 0.0  # noqa: E731  (the objective of a search that is over)
 
@@ -116,14 +118,14 @@ class NLopt:
             raise caught[0]
 
     def _search(self, nlopt: Any, objective: Objective) -> Any:
-        options, setting = self.options, SETTING_OF[self.algorithm]
+        options = self.options
         search = nlopt.opt(getattr(nlopt, self.algorithm), objective.dimension)
         search.set_lower_bounds(np.zeros(objective.dimension))
         search.set_upper_bounds(np.where(objective.upper > objective.lower, 1.0, 0.0))
         search.set_maxeval(objective.remaining + 1)  # the wall is the objective's; this one ends what ignores a stop
-        for name, value in setting.parameters.items():
-            search.set_param(name, value)
-        if setting.step_ends == "always" or (setting.step_ends == "restarted" and options.get("restarts")):
+        if ALGORITHMS[self.algorithm].family == "limited_memory":
+            search.set_param("tolg", _NO_GRADIENT_TEST)
+        if options.get("restarts") or self.algorithm == "LN_NEWUOA_BOUND":  # some never end by themselves
             search.set_xtol_rel(ROUNDING)
         for option, set_it in (
             ("initial_step", search.set_initial_step), ("population", search.set_population),
@@ -138,117 +140,6 @@ class NLopt:
             search.set_local_optimizer(local)
         return search
 
-
-ROUNDING = 1e-15
-NO_GRADIENT_TEST = 1e-30  # 0 would mean NLopt's own 1e-8
-
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """How `algorithms` are set, and `why`.
-
-    `size_matters`: the division by the value's first size is needed. `parameters` go to `set_param`. `step_ends`: when
-    a step below 1e-15 of the point ends a descent. `memory`, `population`: in words.
-    """
-
-    algorithms: tuple[str, ...]
-    why: str
-    size_matters: bool = False
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    step_ends: Literal["never", "restarted", "always"] = "never"
-    inner_tolerance: float | None = None
-    memory: str = "none to choose"
-    population: str = "none"
-
-
-_RESTARTED = "With `restarts` a step at rounding ends a descent, as some never end by themselves."
-
-SETTINGS = (
-    Setting(
-        ("GN_DIRECT", "GN_DIRECT_L", "GN_DIRECT_L_RAND", "GN_DIRECT_NOSCAL", "GN_DIRECT_L_NOSCAL",
-         "GN_DIRECT_L_RAND_NOSCAL", "GN_ORIG_DIRECT_L"),
-        "Rectangles are compared by value and size: a factor on the value changes nothing.",
-    ),
-    Setting(
-        ("GN_ORIG_DIRECT",),
-        "Gablonsky's code without the local bias chooses other rectangles when the value is multiplied.",
-        size_matters=True,
-    ),
-    Setting(
-        ("GN_CRS2_LM",), "Values are only compared. The population is that of Kaelo and Ali.",
-        population="10 (dim + 1)",
-    ),
-    Setting(
-        ("GN_ISRES",), "Values are only compared. The population is NLopt's: it follows the dimension, where Runarsson"
-        " and Yao took 200 for all.", population="20 (dim + 1)",
-    ),
-    Setting(
-        ("GN_ESCH",), "Values are only compared. The population is its authors'.", population="40, and 60 children",
-    ),
-    Setting(("GN_AGS",), "It divides by its own estimate of the slope: a factor on the value changes nothing."),
-    Setting(
-        ("GD_STOGO", "GD_STOGO_RAND"), "Its local search proposes other points when the value is multiplied.",
-        size_matters=True,
-    ),
-    Setting(
-        ("GD_MLSL", "GD_MLSL_LDS", "G_MLSL", "G_MLSL_LDS"),
-        "A descent that ends at 1e-8 ends above our goals, and the next begins elsewhere: at 1e-15 each goes on to"
-        " rounding. The inner method is SLSQP, which needs a value near 1.",
-        size_matters=True, inner_tolerance=ROUNDING, population="4 new points a round",
-    ),
-    Setting(
-        ("GN_MLSL", "GN_MLSL_LDS"),
-        "As above; the inner method is BOBYQA, whose candidates no factor on the value changes.",
-        inner_tolerance=ROUNDING, population="4 new points a round",
-    ),
-    Setting(
-        ("LN_COBYLA", "LN_BOBYQA", "LN_NEWUOA", "LN_NELDERMEAD", "LN_SBPLX"),
-        f"Models and simplices scale with the value: a factor on it changes nothing. {_RESTARTED}",
-        step_ends="restarted",
-    ),
-    Setting(
-        ("LN_NEWUOA_BOUND",),
-        "Its models are minimised by an NLopt method inside, to which the size of the value matters, and which never"
-        " ends without a tolerance.",
-        size_matters=True, step_ends="always",
-    ),
-    Setting(
-        ("LN_PRAXIS",), f"Its steps change where the value is far below 1. {_RESTARTED}",
-        size_matters=True, step_ends="restarted",
-    ),
-    Setting(
-        ("LD_SLSQP",),
-        f"Undivided, a value of 1e9 ends it after one evaluation. {_RESTARTED}",
-        size_matters=True, step_ends="restarted", memory="the whole Hessian, dim x dim",
-    ),
-    Setting(
-        ("LD_LBFGS", "LD_VAR1", "LD_VAR2", "LD_TNEWTON", "LD_TNEWTON_RESTART", "LD_TNEWTON_PRECOND",
-         "LD_TNEWTON_PRECOND_RESTART"),
-        "Luksan's codes end where no slope is above `tolg`, an absolute 1e-8: after the division that is far above"
-        " rounding, so it is switched off. Undivided, large values bring bad first steps. `storage` null: NLopt keeps"
-        f" as many gradients as fit 10 MB or the budget, so none is forgotten. {_RESTARTED}",
-        size_matters=True, parameters={"tolg": NO_GRADIENT_TEST}, step_ends="restarted",
-        memory="all gradients; `storage` sets fewer",
-    ),
-    Setting(
-        ("LD_MMA", "LD_CCSAQ"),
-        "Their first penalty is 1, a size of the value. They end by no test of their own; with `restarts` a step at"
-        " rounding ends a descent.",
-        size_matters=True, step_ends="restarted",
-    ),
-    Setting(
-        ("AUGLAG", "AUGLAG_EQ", "LD_AUGLAG", "LD_AUGLAG_EQ"),
-        f"Without constraints each is its inner method, SLSQP, run to rounding. {_RESTARTED}",
-        size_matters=True, inner_tolerance=ROUNDING, step_ends="restarted", memory="the inner method's",
-    ),
-    Setting(
-        ("LN_AUGLAG", "LN_AUGLAG_EQ"),
-        f"Without constraints each is its inner method, BOBYQA, run to rounding. {_RESTARTED}",
-        inner_tolerance=ROUNDING, step_ends="restarted",
-    ),
-)  # fmt: skip
-
-SETTING_OF: dict[str, Setting] = {algorithm: setting for setting in SETTINGS for algorithm in setting.algorithms}
 
 Family = Literal[
     "global", "population", "derivative_free", "gradient", "limited_memory", "mlsl_free", "mlsl_gradient", "mlsl_any",

@@ -1,7 +1,8 @@
 """SciPy's minimisers, each by SciPy's own name in lower case: ``scipy_l_bfgs_b`` is L-BFGS-B.
 
-`SETTINGS` has the options of each, under SciPy's names and with its defaults, and what it is given besides and why. A
-search that is `scaled` runs in the unit box and on the value divided by its first size. Equal bounds hold a coordinate.
+`SETTINGS` has the options of each, under SciPy's names and with its defaults, and what it is given besides;
+docs/optimizers.md says why. A search that is `scaled` runs in the unit box and on the value divided by its first size.
+Equal bounds hold a coordinate.
 """
 
 from __future__ import annotations
@@ -260,7 +261,7 @@ for _name, _reason in EXCLUDED.items():
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """One method: its `options` (name, type, default), options of SciPy's that are fixed (`given`), and `why`.
+    """One method: its `options` (name, type, default), and options of SciPy's that are fixed (`given`).
 
     `word` is SciPy's name of a method of `minimize`, "" where the method is a function of its own. `stops`: may end by
     itself. `together`: each value comes with its gradient. `hessian`: as products with a direction, or whole. `counts`:
@@ -269,7 +270,6 @@ class Setting:
     """
 
     about: str
-    why: str
     options: tuple[tuple[str, Any, Any], ...] = ()
     word: str = ""
     given: Mapping[str, Any] = field(default_factory=dict)
@@ -287,8 +287,6 @@ class Setting:
     maximum_dimension: int | None = None
 
 
-_UNBOUNDED = "It takes no bounds."
-_LOWER = "It ends where a line search finds nothing lower."
 _SCALED: tuple[str, Any, Any] = ("scaled", bool, True)
 _GO_ON: tuple[tuple[str, Any, Any], ...] = (_SCALED, ("restarts", bool, False))
 _WOLFE = (("c1", float, 1e-4), ("c2", float, 0.9), *_GO_ON)
@@ -307,76 +305,71 @@ SETTINGS: dict[str, Setting] = {
         " dimension.",
         options=(("adaptive", bool, False), *_GO_ON), word="Nelder-Mead",
         given={"xatol": ROUNDING, "fatol": float("inf")}, counts=("maxiter", "maxfev"), first_per_dimension=1,
-        why="It ends where its simplex is at rounding in every coordinate, whatever the values.",
     ),
     "powell": Setting(
         about="Powell's method of conjugate directions, one line search after another.",
         options=_GO_ON, word="Powell", given={"xtol": 0.0, "ftol": 0.0}, counts=("maxiter", "maxfev"),
-        why="It ends where a round of line searches gains nothing, or less than SciPy's fixed 1e-20.",
     ),
     "cg": Setting(
         about="Conjugate gradients of Polak and Ribiere, without bounds; `c1`, `c2` of the Wolfe conditions.",
         options=(_WOLFE[0], ("c2", float, 0.4), *_GO_ON), word="CG", given={"gtol": 0.0}, gradient=True, bounded=False,
-        first_per_dimension=1, why=f"{_UNBOUNDED} {_LOWER}",
+        first_per_dimension=1,
     ),
     "bfgs": Setting(
         about="BFGS, without bounds; `c1`, `c2` of the Wolfe conditions.",
         options=_WOLFE, word="BFGS", given={"gtol": 0.0, "xrtol": 0.0}, gradient=True, bounded=False,
-        first_per_dimension=1, why=f"{_UNBOUNDED} {_LOWER}",
+        first_per_dimension=1,
     ),
     "l_bfgs_b": Setting(
         about="BFGS in a box with limited memory (Byrd, Lu, Nocedal, Zhu 1995).\n\n`maxcor` steps are remembered, and a"
         " line search has `maxls` evaluations.",
         options=(("maxcor", int, 10), ("maxls", int, 20), *_GO_ON), word="L-BFGS-B", given=DESCENT,
-        counts=("maxiter", "maxfun"), gradient=True, together=True, first_per_dimension=1, why=_LOWER,
+        counts=("maxiter", "maxfun"), gradient=True, together=True, first_per_dimension=1,
     ),
     "tnc": Setting(
         about="Truncated Newton in a box (Nash 1984); -1 leaves an option to SciPy.",
         options=(("maxCGit", int, -1), ("eta", float, -1.0), ("rescale", float, -1.0), *_GO_ON), word="TNC",
         given={"ftol": 0.0, "xtol": 0.0, "gtol": 0.0}, counts=("maxfun",), gradient=True, together=True,
-        first_per_dimension=1, why=_LOWER,
+        first_per_dimension=1,
     ),
     "cobyla": Setting(
         about="Linear models over a simplex (Powell 1994, in PRIMA's Python); may leave the box on its way.\n\n`rhobeg`"
         " is the first trust region, in widths of the box where it is `scaled`.",
         options=(("rhobeg", float, 1.0), *_GO_ON), word="COBYLA", given={"tol": ROUNDING}, bounded=False,
         first_per_dimension=1,
-        why="Bounds are constraints to it, which it may break on the way. It ends with its trust region at rounding.",
     ),
     "cobyqa": Setting(
         about="Quadratic models in a box, without derivatives (Ragonneau 2022).\n\n`initial_tr_radius` is the first"
         " trust region, in widths of the box where it is `scaled`.",
         options=(("initial_tr_radius", float, 1.0), *_GO_ON), word="COBYQA", given={"final_tr_radius": ROUNDING},
-        counts=("maxiter", "maxfev"), first_per_dimension=2, why="It ends with its trust region at rounding.",
+        counts=("maxiter", "maxfev"), first_per_dimension=2,
     ),
     "slsqp": Setting(
         about="Sequential least-squares programming (Kraft 1988).", options=_GO_ON,
         word="SLSQP", given={"ftol": EQUAL}, gradient=True, first_per_dimension=1,
-        why="It ends where a line search finds nothing lower, or the same value.",
     ),
     "trust_constr": Setting(
         about="Interior point with trust regions, strictly inside the box (Byrd, Hribar, Nocedal 1999).",
         options=(("initial_tr_radius", float, 1.0), ("initial_barrier_parameter", float, 0.1), *_GO_ON),
         word="trust-constr", given={"gtol": 0.0, "xtol": ROUNDING, "barrier_tol": ROUNDING}, gradient=True,
-        first_per_dimension=1, why="It ends with its trust region and its barrier at rounding.",
+        first_per_dimension=1,
     ),
     "newton_cg": Setting(
         about="Newton's method with conjugate gradients and a line search, without bounds.",
         options=_WOLFE, word="Newton-CG", given={"xtol": 0.0}, gradient=True, hessian="products", bounded=False,
         first_per_dimension=1,
-        why=f"{_UNBOUNDED} It ends where the curvature along its step is below SciPy's fixed 7e-16, which comes early.",
     ),
     "trust_ncg": _newton(
         about="Newton with conjugate gradients in a trust region (Steihaug 1983), without bounds.",
-        word="trust-ncg", hessian="products", why=f"{_UNBOUNDED} It ends where no step gains.",
+        word="trust-ncg", hessian="products",
     ),
     "trust_exact": _newton(
         about="Newton in a trust region that is solved exactly (More, Sorensen 1983), without bounds.",
-        word="trust-exact", hessian="whole", why=f"{_UNBOUNDED} It ends where no step gains.",
+        word="trust-exact", hessian="whole",
     ),
     "dogleg": _newton(
         about="Powell's dogleg between the steepest descent and Newton's step, without bounds.",
-        word="dogleg", hessian="whole", why=f"{_UNBOUNDED} It ends where the Hessian is not positive definite.",
+        word="dogleg", hessian="whole",
     ),
     "differential_evolution": Setting(
         about="Differential evolution (Storn, Price 1997), a generation of `popsize` x dim members at a time.\n\n"
@@ -387,8 +380,6 @@ SETTINGS: dict[str, Setting] = {
         ),
         given={"tol": -1.0, "atol": -1.0, "polish": False, "updating": "deferred", "vectorized": True}, stops=False,
         stochastic=True, uses_start=False, needs_finite_bounds=True, batches=True,
-        why="Its test of a flat population is off; SciPy's last descent comes after the end, and there is none here. A"
-        " generation is one batch, so members change together.",
     ),
     "dual_annealing": Setting(
         about="Generalised annealing with descents between (Xiang et al. 1997).",
@@ -397,36 +388,31 @@ SETTINGS: dict[str, Setting] = {
             ("accept", float, -5.0), ("no_local_search", bool, False), _SCALED,
         ),
         counts=("maxiter", "maxfun"), stops=False, stochastic=True, gradient=True, needs_finite_bounds=True,
-        why="Its inner descents, L-BFGS-B, go on to rounding.",
     ),
     "basinhopping": Setting(
         about="Basin hopping (Wales, Doye 1997): descents by L-BFGS-B from points moved at random.\n\n`stepsize` in"
         " widths of the box and `T` in values of the start, where it is `scaled`.",
         options=(("T", float, 1.0), ("stepsize", float, 0.5), ("interval", int, 50), _SCALED),
         given={"niter_success": None}, counts=("niter",), stops=False, stochastic=True, gradient=True,
-        needs_finite_bounds=True, first_per_dimension=1, why="Its inner descents, L-BFGS-B, go on to rounding.",
+        needs_finite_bounds=True, first_per_dimension=1,
     ),
     "shgo": Setting(
         about="Simplicial homology (Endres, Sandrock, Focke 2018): descents from the minima of a complex of `n`"
         " points.",
         options=(("n", int, 100), ("iters", int, 1), ("sampling_method", _SAMPLING, "simplicial"), _SCALED),
-        counts=(), stops=False, gradient=True, uses_start=False, needs_finite_bounds=True, maximum_dimension=8,
-        why="Its inner descents, SLSQP, go on to rounding. Its complex has 2^d corners: 1000 evaluations take 2 s in 8"
-        " dimensions, 7 s in 10, more than 25 s in 12. It begins again with twice the points.",
+        counts=(), stops=False, gradient=True, uses_start=False, needs_finite_bounds=True,
+        maximum_dimension=8,  # its complex has 2^d corners
     ),
     "direct": Setting(
         about="Divide the box into rectangles (Jones et al. 1993; `locally_biased`: Gablonsky, Kelley 2001).",
         options=(("eps", float, 1e-4), ("locally_biased", bool, True)), given={"vol_tol": 0.0, "len_tol": 0.0},
         counts=("maxfun", "maxiter"), stops=False, uses_start=False, needs_finite_bounds=True,
-        why="It ends by no test of its own.",
     ),
     "brute": Setting(
         about="A grid of `Ns` points a coordinate, then a simplex from the best; null: what two thirds of the budget"
         " hold.",
         options=(("Ns", int | None, None), _SCALED),
         counts=(), stops=False, uses_start=False, needs_finite_bounds=True, maximum_dimension=16,
-        why="The grid is held in memory before the first evaluation, 2^d points at least. SciPy's simplex goes on from"
-        " its best point. It begins again with one point more a coordinate.",
     ),
 }  # fmt: skip
 

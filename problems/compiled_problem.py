@@ -83,6 +83,8 @@ def hold(
     """Give a new problem its `CompiledProblem`, what x holds, the arrays of its box, and further `values`, as its own.
 
     Of `data`, bytes, which must be among the values, it gets a digest, `data_id`: the same data, the same id.
+    Its calls leave their arguments alone and return floats, so the gate need not look, and a value has the same bits
+    alone and in a batch.
     """
     lower, upper, start = (frozen([getattr(c, key) for c in coordinates]) for key in ("lower", "upper", "start"))
     true = [c.true for c in coordinates]
@@ -92,7 +94,8 @@ def hold(
     )
     box = {"lower": lower, "upper": upper, "start": start, "truth": truth}
     data_id = blake2b(values.pop("data"), digest_size=8).hexdigest()
-    for key, value in {"_compiled": compiled, "coordinates": coordinates, "data_id": data_id, **box, **values}.items():
+    values |= {"_compiled": compiled, "coordinates": coordinates, "data_id": data_id, **box}
+    for key, value in {**values, "side_effect_free": True, "splits_batches": True}.items():
         object.__setattr__(problem, key, value)
 
 

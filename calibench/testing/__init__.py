@@ -1,8 +1,9 @@
 """The laws that your own problem, optimiser, effect or machine must keep, as checks that you can run.
 
 `check_problem`, `check_optimizer`, `check_effect` and `check_machine` raise `AssertionError` at the first law that is
-broken, in one line: the law, what was found, what to do. ``problem_checks(p)`` and its sisters return pairs
-(name, check) for a test runner:
+broken, in one line: the law, what was found, what to do. What takes longer than `time_limit` seconds in all, or a
+gigabyte, breaks the law that is tried. ``problem_checks(p)`` and its sisters return pairs (name, check) for a test
+runner:
 
     @pytest.mark.parametrize(("name", "check"), testing.problem_checks(Mine()))
     def test_my_problem_keeps_the_laws(name, check):

@@ -21,10 +21,7 @@ _UNSEEN = 1e-7  # of the largest singular value: a direction of the parameters t
 
 
 def check_machine(machine: Machine, data: MeasuredData, *, time_limit: float = TIME_LIMIT) -> None:
-    """Raise `AssertionError`, one line, for the first law that `machine` breaks on `data`, a set of its readings.
-
-    It has `time_limit` seconds for all of them, and a gigabyte: what takes longer or more breaks the law that is tried.
-    """
+    """Raise `AssertionError`, one line, for the first law that `machine` breaks on `data`, a set of its readings."""
     keep_all(lambda: machine_checks(machine, data), time_limit)
 
 
@@ -220,10 +217,7 @@ _SAME = 1e-9  # of a change: sums of fewer numbers round otherwise
 def check_effect(
     effect: Effect | EffectFamily, machine: Machine, data: MeasuredData, *, time_limit: float = TIME_LIMIT
 ) -> None:
-    """Raise `AssertionError`, one line, for the first law that `effect` breaks on readings `data` of `machine`.
-
-    It has `time_limit` seconds for all of them, and a gigabyte: what takes longer or more breaks the law that is tried.
-    """
+    """Raise `AssertionError`, one line, for the first law that `effect` breaks on readings `data` of `machine`."""
     keep_all(lambda: effect_checks(effect, machine, data), time_limit)
 
 

@@ -184,10 +184,7 @@ Make = Callable[[], Any]
 
 
 def check_optimizer(make: Make, *, time_limit: float = TIME_LIMIT) -> None:
-    """Raise `AssertionError`, one line, for the first law that the optimisers of `make` break.
-
-    It has `time_limit` seconds for all of them, and a gigabyte: what takes longer or more breaks the law that is tried.
-    """
+    """Raise `AssertionError`, one line, for the first law that the optimisers of `make` break."""
     keep_all(lambda: optimizer_checks(make), time_limit)
 
 

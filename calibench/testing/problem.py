@@ -22,10 +22,7 @@ _PRINTED = 1e-10  # of a minimum that is rounded to ten digits, as certified one
 
 
 def check_problem(problem: Any, *, time_limit: float = TIME_LIMIT) -> None:
-    """Raise `AssertionError`, one line, for the first law that `problem` breaks.
-
-    It has `time_limit` seconds for all of them, and a gigabyte: what takes longer or more breaks the law that is tried.
-    """
+    """Raise `AssertionError`, one line, for the first law that `problem` breaks."""
     keep_all(lambda: problem_checks(problem), time_limit)
 
 

@@ -23,7 +23,6 @@ from calibench.core.tables.csv_table import Table, heads, read_table
 from calibench.core.tables.data_file import MOST_LETTERS
 from calibench.core.words import counted, plain, shortened
 
-Cells = dict[str, list[str]]  # of each column by name
 _NAMES = ("pose_id", "visit_id")  # columns whose numbers are names: words do as well
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
 _LIKE_NUMBER = re.compile(r"[+-]?[.,]?\d")
@@ -118,16 +117,23 @@ class Declared:
             mend = f'; units={{"{column}": "UNIT"}} states it where the file cannot be changed' if self.machine else ""
             raise ValueError(f"{error}{mend}") from None
 
-    def read(self, path: str | Path, where: str, bare: bool = False) -> tuple[Table, dict[str, float], Cells]:
+    def read(
+        self, path: str | Path, where: str, bare: bool = False
+    ) -> tuple[Table, dict[str, float], dict[str, list[str]]]:
         """Return the table in a file, the factor of each declared column to its unit, and the cells of each column.
 
-        A `bare` file may hold the declared columns without a header. Raises `ValueError`, which begins with `where`,
-        for a file that cannot be read, another unit, and a column that is needed and not there.
+        Cells have no blanks around them, and are "" where a row ends before. Decimal commas become points where a
+        declared number has one, and commas do not part the cells. A `bare` file may hold the declared columns without a
+        header. Raises `ValueError`, which begins with `where`, for a file that cannot be read, another unit, a decimal
+        comma beside a point, and a column that is needed and not there.
         """
         try:
-            table = read_table(path, bare)
+            table, numbers = read_table(path, bare), tuple(self.units)
             factors = {name: self.factor(name, table.units.get(name, unit))[1] for name, unit in self.units.items()}
-            cells = cells_of(table, tuple(self.units))
+            named = [(k, name) for k, name in enumerate(table.names or numbers) if name]
+            cells = {name: [row[k].strip() if k < len(row) else "" for _, row in table.rows] for k, name in named}
+            if table.delimiter != "," and any("," in cell for name in numbers for cell in cells.get(name, ())):
+                cells = with_points(cells)
         except (OSError, ValueError) as error:
             raise ValueError(f"{where}: cannot be read: {error}") from None
         if missing := [one.name for one in self.columns if one.needed and one.name not in cells]:
@@ -136,19 +142,6 @@ class Declared:
 
 
 ANY = Declared()
-
-
-def cells_of(table: Table, names: Sequence[str] = ()) -> Cells:
-    """Return the cells of each column that has a name, without blanks around them, "" where a row ends before.
-
-    Without a header the columns are called `names`. Decimal commas become points where a cell of `names` has one, and
-    commas do not part the cells; raises `ValueError` where some numbers have a comma and some a point.
-    """
-    rows = [row for _, row in table.rows]
-    named = [(k, name) for k, name in enumerate(table.names or names) if name]
-    columns = {name: [row[k].strip() if k < len(row) else "" for row in rows] for k, name in named}
-    commas = table.delimiter != "," and any("," in cell for name in names for cell in columns.get(name, ()))
-    return with_points(columns) if commas else columns
 
 
 def columns_of(table: Table, declared: Declared = ANY) -> Columns:

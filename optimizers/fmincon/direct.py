@@ -100,8 +100,8 @@ def fmincon(
     gradients, kind, n = chosen.SpecifyConstraintGradient, chosen.FiniteDifferenceType, len(start)
     where = region(n, A, b=b, Aeq=Aeq, beq=beq, lb=lb, ub=ub, nonlcon=nonlcon, gradients=gradients, kind=kind)
     asked = Called(fun, chosen.filled(n), where.lower, where.upper)
-    outcome, m, m_eq = search(asked, where, chosen, start), len(where.b), len(where.beq)
-    if outcome.state is None:  # it asked nothing
+    (end, state), m, m_eq = search(asked, where, chosen, start), len(where.b), len(where.beq)
+    if state is None:  # it asked nothing
         zero, nan = np.zeros(n), float("nan")
         answer = Iterate(
             start, nan, np.full(n, nan), np.zeros((m, n)), np.zeros((m_eq, n)), violation=nan, first_order=nan,
@@ -109,14 +109,13 @@ def fmincon(
         )  # fmt: skip
         path, iterations, step, step_length = tuple[Iterate, ...](), 0, 0.0, 0.0
     else:
-        state = outcome.state
         answer, path, iterations = state.answer, state.path, state.iteration
         step, step_length = state.step, state.step_length
     return Result(
-        x=answer.x, fval=answer.value, exitflag=outcome.flag,
+        x=answer.x, fval=answer.value, exitflag=end.flag,
         output=Output(
             iterations, asked.count, stepsize=step, lssteplength=step_length, constrviolation=answer.violation,
-            firstorderopt=answer.first_order, algorithm=chosen.Algorithm, message=outcome.message,
+            firstorderopt=answer.first_order, algorithm=chosen.Algorithm, message=end.message,
         ),
         lambda_=Multipliers(
             answer.at_lower, answer.at_upper, answer.inequalities[:m], answer.equalities[:m_eq],

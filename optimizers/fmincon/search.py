@@ -40,22 +40,14 @@ class Asked(Protocol):
     def gradient(self, x: Array, steps: Array | None = None, /) -> Array: ...
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """MATLAB's exit flag, the message, and the last state; None where the search ended before it asked anything."""
+def search(asked: Asked, region: Region, options: Options, x0: Array) -> tuple[Finished, State | None]:
+    """Search from x0, shape (n,), until a test is met; return the end and the last state (None: nothing was asked).
 
-    flag: ExitFlag
-    message: str
-    state: State | None
-
-
-def search(asked: Asked, region: Region, options: Options, x0: Array) -> Outcome:
-    """Search from x0, shape (n,), until a test is met; raises `RuntimeError` where an OutputFcn raises."""
-    options = options.filled(len(x0))
-    contradiction = region.contradiction()
-    if contradiction:
-        outcome = Outcome(-2, f"No feasible point: {contradiction}.", None)
+    Raises `RuntimeError` where an OutputFcn raises.
+    """
+    options, state, end = options.filled(len(x0)), None, None
+    if contradiction := region.contradiction():
+        end = Finished(-2, f"No feasible point: {contradiction}.")
     else:
         # before the first iterate: scales come from the derivatives at the start
         frame = Frame.of(region, x0, options.ScaleProblem and options.ScaleVariables)
@@ -79,7 +71,7 @@ def search(asked: Asked, region: Region, options: Options, x0: Array) -> Outcome
             print(f"{'':>55}{'':>14}{'Norm of':>14}{'First-order':>14}")
             heads = f"{'Iter':>5}{'Func-count':>12}{'Fval':>19}{'Feasibility':>15}{'Step length':>14}{'step':>14}"
             print(f"{heads}{'optimality':>14}")
-        end, why = None, "Every variable is fixed by its bounds"
+        why = "Every variable is fixed by its bounds"
         try:
             walk.arrive(x, gradient, slopes)
             if frame.free.any():
@@ -99,11 +91,11 @@ def search(asked: Asked, region: Region, options: Options, x0: Array) -> Outcome
             nearest = region.violation(region.nearest(best.x))
             if not nearest <= options.ConstraintTolerance:
                 end = Finished(-2, _INFEASIBLE.format(nearest))
-        outcome = Outcome(end.flag, end.message, walk.state)
-        tell(walk.state, asked.count, options, "done")
+        state = walk.state
+        tell(state, asked.count, options, "done")
     if options.Display != "off":
-        print(f"\n{outcome.message}")
-    return outcome
+        print(f"\n{end.message}")
+    return end, state
 
 
 @final

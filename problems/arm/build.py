@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from calibench.calibration.columns import ARM
 from calibench.calibration.determined import gauge
 from calibench.calibration.dh import read_dh
 from calibench.calibration.kinematics import Chain, Compared, parameter_units, sockets, targets
@@ -20,8 +21,7 @@ from calibench.calibration.rigid import Rotation
 from calibench.calibration.start import Start, start_of
 from calibench.calibration.urdf import read_urdf
 from calibench.core.notes import Code
-from calibench.core.tables.cells import number_of
-from calibench.core.tables.columns import Columns, cells_of, in_base_units
+from calibench.core.tables.columns import columns_of, in_base_units
 from calibench.core.tables.csv_table import read_table
 from calibench.problems.arm.calibration import ArmCalibration
 from calibench.problems.arm.families import shipped
@@ -132,22 +132,8 @@ def read_measured(
     """Return what a CSV file tells of `chain`, and where base and target are, by the fitted rows, or by all."""
     name = f"data={Path(path).name}"
     try:
-        # columns in base units; one of which most cells are no numbers holds words
-        file = read_table(path)
-        columns: dict[str, Any] = {}
-        for head, words in cells_of(file, file.names).items():
-            numbers = [number_of(word) if word else np.nan for word in words]
-            if 2 * sum(number is None for number in numbers) > len(words):
-                columns[head] = np.array(words)
-                continue
-            if None in numbers:
-                k = numbers.index(None)
-                raise ValueError(f"row {file.rows[k][0]}: {head} is {words[k]!r}, and a number is needed")
-            columns[head] = np.array(numbers, dtype=float)
-        units = {head: unit for head, unit in file.units.items() if columns[head].dtype.kind == "f"}
-        content = in_base_units(Columns(columns, units=units))
+        content = in_base_units(columns_of(read_table(path), ARM), ARM)
         table = Table.of(content.columns, name, units=content.units)
-
         readings = read_readings(table, chain, "sockets" if sockets else "", copies=True, option="problem.")
         if len(readings.targets) > 1:
             raise ValueError(f"column target: a problem has one target, and these are {', '.join(readings.targets)}")

@@ -7,7 +7,7 @@ zeros [rad], base and tool. A value is the sum of squared residuals [mm^2]; a tu
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Literal, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 
@@ -49,11 +49,8 @@ class ArmCalibration:
     data_id: str = field(init=False, repr=False)
     _compiled: CompiledProblem = field(init=False, repr=False)
 
-    default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
     noise_unit: ClassVar[str] = "mm"
     unit: ClassVar[str] = "mm²"
-    side_effect_free: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
-    splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
     said_if_chosen: ClassVar[tuple[str, ...]] = ("instance", "dh", "convention")
     typical_noise: ClassVar[float] = 0.02  # mm: a laser tracker
     budgets: ClassVar[Mapping[str, int]] = {"ci": 5_000, "paper": 100_000}

@@ -145,11 +145,8 @@ class DeltaProbing:
     _compiled: CompiledProblem = field(init=False, repr=False)
 
     name: ClassVar[str] = "delta9"
-    default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
     noise_unit: ClassVar[str] = "mm"
     unit: ClassVar[str] = "mm²"
-    side_effect_free: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
-    splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
     said_if_chosen: ClassVar[tuple[str, ...]] = ("instance",)
     typical_noise: ClassVar[float] = 0.02  # mm: a switch probe
     budgets: ClassVar[Mapping[str, int]] = {"ci": 5_000, "paper": 100_000}

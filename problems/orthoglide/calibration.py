@@ -70,11 +70,8 @@ class Orthoglide:
     _compiled: CompiledProblem = field(init=False, repr=False)
 
     name: ClassVar[str] = "orthoglide6"
-    default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
     noise_unit: ClassVar[str] = "mm"
     unit: ClassVar[str] = "mm²"  # of the sum of squared deviations
-    side_effect_free: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
-    splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
     said_if_chosen: ClassVar[tuple[str, ...]] = ("instance",)  # options that rows name only where they were chosen
     budgets: ClassVar[Mapping[str, int]] = {"ci": 5_000, "paper": 100_000}
 

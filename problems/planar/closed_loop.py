@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any, ClassVar, Literal, final
 
 import numpy as np
@@ -23,6 +24,7 @@ from calibench.problems.fitting import least_of_instance, levels, value_of_noise
 from calibench.problems.planar import gpm2002
 from calibench.problems.planar.gpm2002 import NAMES, Gauge, PlanarInstance
 
+REFUSED = (TypeError, ValueError)
 _NEWTON_STEPS = 20
 _ROUNDING = 1e-13  # rad: readings are rounded by 2e-16, and what follows from them by some hundred times that
 ErrorName = Literal["J1", "J2", "J3"]
@@ -61,10 +63,8 @@ class Planar:
     unit: str = field(init=False, repr=False)  # of a sum of squared lengths, or of their differences' squares
     redundancy: int = field(init=False, repr=False)  # residuals that carry one number: three leg errors, or 1
     _compiled: CompiledProblem = field(init=False, repr=False)
-    _exact: ExactCalls = field(init=False, repr=False)
+    _exact: SimpleNamespace = field(init=False, repr=False)  # what a value asks for, by kernels that copy nothing
 
-    side_effect_free: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
-    splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
     said_if_chosen: ClassVar[tuple[str, ...]] = ("instance",)  # options that rows name only where they were chosen
 
     __repr__ = line_of
@@ -76,10 +76,19 @@ class Planar:
 
         packed = kernels.pack(self.readings, self._template, self._free, self.error != "J3", self.error == "J1")
         unit, redundancy = ("mm²", 3) if self.error == "J1" else ("mm⁴", 1)
-        data = self.readings.tobytes()
-        hold(self, self.coordinates, kernels, (packed,), data=data, unit=unit, redundancy=redundancy)
-        object.__setattr__(self, "_exact", ExactCalls(packed))
+        for kernel in (kernels.residuals, kernels.jacobian, kernels.positions):
+            exact(kernel, 1, 2)  # with the types of `cost`, so that they share their parts
+        calls = SimpleNamespace(
+            packed=packed, screen=kernels.screen(packed), cost=exact(kernels.cost, 1, 2),
+            batch=exact(kernels.batch, 2, 2), batch_below=exact(kernels.batch_below, 2, 1, 2, 2),
+        )  # fmt: skip
+        hold(
+            self, self.coordinates, kernels, (packed,), data=self.readings.tobytes(), unit=unit, redundancy=redundancy,
+            _exact=calls,
+        )  # fmt: skip
 
+    compile = passed(CompiledProblem.compile)
+    compile_values = passed(CompiledProblem.compile_values)
     residuals = passed(CompiledProblem.residuals)  # sqrt(3) g_j [mm^2], (n,), or for J1 |P - B_i| - l_b [mm], (3n,)
     jacobian = passed(CompiledProblem.jacobian)
 
@@ -94,7 +103,7 @@ class Planar:
     @property
     def kernel(self) -> tuple[Any, Array]:
         """Return the compiled cost and the array that goes with x, for who calls it often: ``cost(x, packed)``."""
-        return exact(self._compiled.kernels.cost, 1, 2), self._exact.packed
+        return self._exact.cost, self._exact.packed
 
     def batch(self, points: Array) -> Array:
         """Return the errors, shape (k,), of candidates of shape (k, dim): the same bits as one call for each."""
@@ -222,16 +231,6 @@ class Planar:
         machine, gauge = self._machine(self.start if self.truth is None else self.truth), self.gauge
         return lambda phi: gauge.move(machine, phi)[self._free]
 
-    def compile(self) -> None:
-        """Compile (or load from the cache) what nearly all optimisers call, so that no clock sees it."""
-        self.compile_values()
-        self._compiled.compile()
-
-    def compile_values(self) -> None:
-        """Compile likewise what methods call that ask for values alone, each of them whole."""
-        points = self.start[None].copy()
-        self(points[0]), self.batch(points)
-
     @cached_property
     def _free(self) -> NDArray[np.int64]:
         """Return which of the 15 numbers of a machine are free, shape (dim,)."""
@@ -241,31 +240,3 @@ class Planar:
         machine = self._template.copy()
         machine[self._free] = self._compiled.vector(x)
         return machine if self.error != "J3" else gpm2002.to_polar(machine, self._turn)
-
-
-REFUSED = (TypeError, ValueError)
-
-
-@final
-class ExactCalls:
-    """``cost(x, packed)``, ``batch(points, packed)`` and ``batch_below(points, limits, packed, screen)``.
-
-    Each is compiled at its first call, as making a problem must not wait for the compiler.
-    """
-
-    __slots__ = ("batch", "batch_below", "cost", "packed", "screen")
-
-    cost: Any
-    batch: Any
-    batch_below: Any
-
-    def __init__(self, packed: Array) -> None:
-        # Here, as listing the names must not load the compiler.
-        from calibench.problems.planar import _closed_loop_kernels as kernels
-
-        self.packed, self.screen = packed, kernels.screen(packed)
-        self.cost = exact(kernels.cost, 1, 2)
-        self.batch = exact(kernels.batch, 2, 2)
-        self.batch_below = exact(kernels.batch_below, 2, 1, 2, 2)
-        for kernel in (kernels.residuals, kernels.jacobian, kernels.positions):
-            exact(kernel, 1, 2)  # with the types of `cost`, so that they share their parts

@@ -65,10 +65,7 @@ class Tracking:
 
     name: ClassVar[str] = "tracking_zero"
     unit: ClassVar[str] = "rad²"  # of E
-    side_effect_free: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
-    splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
     said_if_chosen: ClassVar[tuple[str, ...]] = ("instance",)  # options that rows name only where they were chosen
-    default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
     budgets: ClassVar[Mapping[str, int]] = {"ci": 20_000, "paper": 100_000}  # the nine-point procedure needs some 120
 
     __repr__ = line_of

@@ -1,37 +1,60 @@
-"""What each NLopt algorithm is given: the table is whole, the adapter obeys it, and the page shows it."""
+"""What each NLopt algorithm is given: the page's table is whole, and the adapter obeys it."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from benchmarks.tables import PAGE, filled
 from calibench import bench, optimizers, problems
-from calibench.optimizers.nlopt import ALGORITHMS, SETTING_OF, SETTINGS
+from calibench.bench.gate.evaluator import Evaluator
+from calibench.optimizers.nlopt import ALGORITHMS
+from tests.optimizers.page import named, table_of
 
 nlopt = pytest.importorskip("nlopt")
 
 
-def test_every_algorithm_is_set_once() -> None:
-    assert sum(len(setting.algorithms) for setting in SETTINGS) == len(SETTING_OF)
-    assert set(SETTING_OF) == set(ALGORITHMS)
+TOLERANCES = {name: cells[2] for cells in table_of("nlopt") for name in named(cells[0])}
 
 
-def test_the_page_shows_the_table() -> None:
-    page = PAGE.read_text()
-    assert filled(page) == page
+def test_every_algorithm_stands_once_on_the_page() -> None:
+    assert sorted(name for cells in table_of("nlopt") for name in named(cells[0])) == sorted(ALGORITHMS)
 
 
-def test_inner_methods_get_the_tolerance_of_the_table() -> None:
-    for algorithm, setting in SETTING_OF.items():
-        assert optimizers.make(f"nlopt_{algorithm}").options.get("local_tolerance") == setting.inner_tolerance
+class Listening:
+    """An algorithm of NLopt that keeps what it is told."""
+
+    def __init__(self, *_: object) -> None:
+        self.told: dict[str, tuple[object, ...]] = {}
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        return lambda *values: self.told.update({name.removeprefix("set_"): values})
+
+
+@pytest.mark.parametrize("algorithm", list(ALGORITHMS))
+def test_the_tests_that_may_end_a_search_are_those_of_the_page(algorithm: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(nlopt, "opt", Listening)
+    name, gate = f"nlopt_{algorithm}", Evaluator(problems.make("sensor_zero"), 100)
+    once = optimizers.make(name)._search(nlopt, gate).told  # type: ignore[attr-defined]
+    again = once
+    if "restarts" in optimizers.registry.options(name):
+        again = optimizers.make(name, restarts=True)._search(nlopt, gate).told  # type: ignore[attr-defined]
+    tests = [f"`{once['param'][0]}` = {once['param'][1]:g}"] if "param" in once else []
+    if "local_optimizer" in once:
+        ((inner,), same) = once["local_optimizer"][0].told["ftol_rel"], once["local_optimizer"][0].told["xtol_rel"]
+        assert same == (inner,)
+        tests.append(f"`local_tolerance` = {inner:g} (ftol_rel and xtol_rel of the inner method)")
+    if "xtol_rel" in again:
+        tests.append(f"`xtol_rel` = {again['xtol_rel'][0]:g}{'' if 'xtol_rel' in once else ' with restarts'}")
+    assert TOLERANCES[algorithm] == (", ".join(tests) or "none")
 
 
 @pytest.mark.parametrize("algorithm", list(ALGORITHMS))
 def test_the_gradient_test_is_off_wherever_there_is_one(algorithm: str) -> None:
     """NLopt takes a parameter that an algorithm never reads: only its effect tells. A slope of 1e6 would end it."""
     ends = calls_of(algorithm, tolg=1e6) < calls_of(algorithm)
-    assert ends is ("tolg" in SETTING_OF[algorithm].parameters)
+    assert ends is ("tolg" in TOLERANCES[algorithm])
 
 
 def calls_of(algorithm: str, **parameters: float) -> int:
@@ -51,7 +74,7 @@ def calls_of(algorithm: str, **parameters: float) -> int:
     search.set_maxeval(60)
     if ALGORITHMS[algorithm].may_hang:
         search.set_xtol_rel(1e-3)
-    if SETTING_OF[algorithm].inner_tolerance is not None:
+    if "local_tolerance" in TOLERANCES[algorithm]:
         local = nlopt.opt(nlopt.LD_SLSQP if algorithm[1] != "N" else nlopt.LN_BOBYQA, 2)
         local.set_ftol_rel(1e-3)
         search.set_local_optimizer(local)

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.tables import TABLES, filled, pygmo_table
 from calibench import bench, optimizers, problems
 from calibench.bench.provenance.run_id import key_of_optimizer, options_of
 from calibench.optimizers.pygmo import METHODS, RULES
+from tests.optimizers.page import table_of
 
 pytest.importorskip("pygmo")
 NAMES = [n for n in optimizers.names() if "population" in optimizers.registry.options(n) and n.startswith("pygmo_")]
@@ -29,15 +29,14 @@ class Sphere:
         return float(x @ x)
 
 
-def test_each_population_method_has_a_rule_with_its_source() -> None:
+def test_each_population_method_has_a_rule_that_the_page_states_with_its_source() -> None:
     assert sorted(NAMES) == sorted(f"pygmo_{method}" for method in RULES)
-    assert all(rule.source for rule in RULES.values())
-    assert all(rule.why for rule in RULES.values() if rule.generations)
-
-
-def test_filling_the_page_keeps_what_follows_an_empty_table() -> None:
-    marks = "".join(f"<!-- begin {name} -->\n<!-- end {name} -->\n" for name in TABLES)
-    assert filled(f"{marks}the rest").endswith(f"{pygmo_table()}\n<!-- end pygmo -->\nthe rest")
+    for (method, rule), cells in zip(RULES.items(), table_of("pygmo"), strict=True):
+        least = f", at least {rule.least}" if "B" in rule.name else ""
+        sizes = [str(rule.size(*case)) for case in ((2, 1000), (12, 5000), (20, 20_000))]
+        assert cells[:5] == [f"`{method}`", f"`{rule.name}`{least}", *sizes]
+        assert cells[5]
+        assert cells[6] or "B" not in rule.name
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers
-from calibench.optimizers.nlopt import ALGORITHMS, SETTING_OF
+from calibench.optimizers.nlopt import ALGORITHMS
 from tests.few import one_of_each
+from tests.optimizers.page import sized_by_value
 
 nlopt = pytest.importorskip("nlopt")
 pytest.importorskip("pygmo")
@@ -28,7 +29,7 @@ MOVING_ASYMPTOTES = {  # first-order models, a curvature for all directions at o
 LINE_SEARCHES = {  # of SciPy, alike in a direct call (test_scipy): they end where they gain no more
     "scipy_cg": 1e-5, "scipy_l_bfgs_b": 1e-11, "scipy_tnc": 1e-11, "scipy_basinhopping": 1e-11,
 }  # fmt: skip
-TO_ROUNDING = [f"nlopt_{algorithm}" for algorithm in ALGORITHMS if "tolg" in SETTING_OF[algorithm].parameters]
+TO_ROUNDING = [f"nlopt_{algorithm}" for algorithm in ALGORITHMS if ALGORITHMS[algorithm].family == "limited_memory"]
 OURS = [n for n in optimizers.names() if not n.startswith("pygmo_") and n != "fmincon"]
 
 
@@ -127,7 +128,7 @@ def test_the_value_is_divided_because_its_size_matters_or_without_effect(algorit
     name = f"nlopt_{algorithm}"
     plain = [asked(name, unit, scale_value=False) for unit in UNITS]
     same = all(np.array_equal(plain[1], other) for other in plain)
-    assert same is not SETTING_OF[algorithm].size_matters
+    assert same is not (algorithm in sized_by_value())
 
 
 def asked(name: str, unit: float, **options: Any) -> np.ndarray:

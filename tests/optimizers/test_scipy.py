@@ -14,6 +14,7 @@ from calibench import optimizers
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.optimizers.base import Stop
 from calibench.optimizers.scipy import SETTINGS
+from tests.optimizers.page import table_of
 
 NAMES = [n for n in optimizers.names() if n.startswith("scipy_")]
 BUDGET = 120
@@ -168,3 +169,10 @@ def test_every_method_of_scipy_is_there_or_left_out_with_a_reason() -> None:
     assert {word.replace("-", "_") for word in MINIMIZE_METHODS} <= known
     assert {"differential_evolution", "dual_annealing", "basinhopping", "shgo", "direct", "brute"} <= known
     assert {f"scipy_{name}" for name in SETTINGS} == set(NAMES)
+
+
+def test_the_page_says_what_each_method_is_given_and_why() -> None:
+    for (name, setting), cells in zip(SETTINGS.items(), table_of("scipy"), strict=True):
+        given = ", ".join(f"`{option}` = {value}" for option, value in setting.given.items()) or "none"
+        assert cells[:3] == [f"`{name}`", setting.word or f"{name}()", given]
+        assert cells[3]

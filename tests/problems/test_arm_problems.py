@@ -217,7 +217,7 @@ def test_what_no_arm_has_read_is_refused_in_one_line(tmp_path, spoil, said):
         (lambda t: t.replace(",x,", ",w,"), "a problem needs x, y and z in each row"),
         (lambda t: t.replace(",x,y,z", ",u,v,w"), "no measured x, y and z were found"),
         (lambda t: t.replace(",x,", ",x [kg],"), "kg"),
-        (lambda t: t.replace("\n-", "\nnothing-", 1), "a number is needed"),
+        (lambda t: t.replace("\n-", "\nnothing-", 1), "reading 1: 'nothing-.* is no number; correct it"),
     ],
 )
 def test_a_file_that_cannot_be_read_says_where(tmp_path, change, said):

@@ -58,7 +58,6 @@ class NistRegression:
     _response: Array = field(repr=False)
 
     name: ClassVar[str] = "nist"
-    default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
     noise_unit: ClassVar[str] = "unit of y"
     budgets: ClassVar[Mapping[str, int]] = {"ci": 5_000, "paper": 50_000}
 
