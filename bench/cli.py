@@ -16,70 +16,53 @@ from calibench.core.words import check_word, one_line
 _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --version)
        bench VERB --help         what one verb reads: all of its words, with what they mean
 
-  list problems|optimizers|effects|machines|studies|figures [NAME ...] [--json]
-                                                       what there is, with traits and options; FILE.py:CLASS is yours
-  list optimizers --all                                and what is left out, with the reason
-  run [-m] problem=NAME [problem.OPTION=V] optimizer=NAME [optimizer.OPTION=V] [budget=N|ci|paper]
-      [seeds=N|A:B|ci|paper] [start=nominal|random] [target=V] [time_limit=S] [study=NAME] [results=DIR]
-      [execution=serial|processes|dask] [execution.n_jobs=N] [execution.address=tcp://HOST:PORT] [execution.inner=N]
-      [shard=I/N] [stop_after=K] [replay=true] [--dry-run] [--retry-failed] [--drop-planned]
-      [--rerun|--keep]                                 finished runs that other code made: again, or as they are
-                                                       -m sweeps lists: problem=full11,full12 optimizer=lm,de;
-                                                       opt.de.population=200 and prob.full12.gauge=ya2 address one
-      [tuner=optuna] [tuner.trials=N] [tuner.sampler=tpe|random|cmaes] [tuner.seed=N] [tuner.by=value|goal]
-                                                       Optuna proposes 'optimizer.population=int(interval(10,200))'
-  run study=quick|cong2008 ...                         a prepared study
-  identify problem=NAME [problem.OPTION=V] [noise=V] [--json]   what the data of a problem can tell at all
-  paper [--budget ci|paper|N] [seeds=N] [results=DIR] [execution=serial|processes] [to=DIR]
-                                                       rerun the papers: printed | ours | verdict | why;
-                                                       to=results/reference keeps a small copy of all of it
-  discover machine=NAME data=FILE|GLOB|FOLDER|NAME [across=[FILE,FILE]] [OPTION=V] [study=NAME] [results=DIR]
-      [execution=serial|processes] [pages=auto|all|none] [--json] [--retry]
+  list problems|optimizers|effects|machines|studies|figures [NAME ...] [--all] [--json]
+                                                       what there is, with traits and options; FILE.py:CLASS is
+                                                       yours; --all: and what is left out, with the reason
+  run [-m] problem=NAME optimizer=NAME [OPTION=V]      a row a run; -m sweeps lists: problem=full11,full12
+  run study=quick|cong2008 [OPTION=V]                  a prepared study
+  run tuner=optuna [OPTION=V]                          Optuna proposes 'optimizer.population=int(interval(10,200))'
+  identify problem=NAME [OPTION=V] [--json]            what the data of a problem can tell at all
+  paper [OPTION=V]                                     rerun the papers: printed | ours | verdict | why
+  discover machine=NAME data=FILE|GLOB|FOLDER|NAME [OPTION=V] [--json] [--retry]
                                                        what the model is missing: where, which effect, how large;
                                                        OPTION: what a file should state and does not (sigma_enc=5e-5)
-  calibrate urdf=FILE|dh=TABLE [convention=standard|modified] data=FILE|GLOB|FOLDER
-      [machine.tip=LINK] [machine.observe=position|pose|sockets]
-      [columns=.. units=..] [rotation=rpy|xyz|vector] [distance=MM] [sigma_distance=MM]
-      [level=auto|frames|zeros|geometry|gains] [--json]
+  calibrate urdf=FILE|dh=TABLE data=FILE|GLOB|FOLDER [OPTION=V] [--json]
                                                        a robot arm: a calibrated URDF, its errors on held-out poses;
                                                        dh=: from a table of Denavit and Hartenberg, and one out
-  calibrate hand_eye=eye_in_hand|eye_to_hand data=FILE [read=board_in_camera|camera_in_board]
-      [flange=flange_in_base|base_in_flange] [columns=.. units=..] [rotation=rpy|xyz|vector]
-      [board_scale=TRUE_SIZE_BY_TOLD] [sigma=MM] [sigma_rotation=RAD] [--json]
+  calibrate hand_eye=eye_in_hand|eye_to_hand data=FILE [OPTION=V] [--json]
                                                        a camera on the hand or beside the robot: its frame, and the
                                                        board's, from pairs of poses; with urdf=FILE and joints in
                                                        the data: arm and camera in one fit
-  design machine=NAME data=FILE|plan=NAME [plan.OPTION=V] [size=SIGMAS] [next=K] [rivals=A,B] [--json]
+  design machine=NAME data=FILE|plan=NAME [OPTION=V] [--json]
                                                        what such data could and could not tell apart, before fitting
   status [--watch] STUDY_DIR                           how far a sweep is, what failed and why; --watch: until its end
   collect|report STUDY_DIR                             fold journals into tables; tables, figures and the page
   merge A B ... --to C [--keep-first]                  one study of several folders, such as those of shards
   export coco|ioh|mlflow|csv|latex STUDY_DIR --to OUT  a study in the format of other tools, in a new folder
   import coco|ioh FOLDER --to OUT                      published results as a study: report and merge them with ours
-  show RUN_ID [results=DIR] [--json]                   one run's story (the first digits of its id suffice)
-  compare A B [by=goal|value|charged] [--methods M1 M2] [--json]
-                                                       the same cells of two studies: where B is better or worse;
+  show RUN_ID [--json]                                 one run's story (the first digits of its id suffice)
+  compare A B [by=..] [--methods M1 M2] [--json]       the same cells of two studies: where B is better or worse;
                                                        exit 1 where it is worse in some cell; --methods: in one study
   studies [RESULTS] [COLUMN=VALUE ...] [--all] [--json]
                                                        all studies, discoveries and calibrations below a folder:
                                                        optimizer=de problem=full* since=7d status!=ok tag=paper
-  sql "SELECT ..." [results=DIR] [--json]              over all of them: studies, runs, traces, hits, findings, gaps,
+  sql "SELECT ..." [--json]                            over all of them: studies, runs, traces, hits, findings, gaps,
                                                        calibrations (needs calibench[sql])
-  note STUDY|RUN_ID "TEXT" [results=DIR]               note something of a study or run; without a text, show it
-  tag STUDY +paper -draft [results=DIR]                add and remove tags
-  archive STUDY [--undo] [results=DIR]                 leave it out of lists
-  delete STUDY [--yes] [results=DIR]                   delete what bench wrote in it; asks before
-  history problem=NAME optimizer=NAME [by=goal|charged|value|success] [budget=N] [start=..] [to=FILE.html]
-      [--check] [tag=NAME] [results=DIR] [--json]      one method over versions of the code, and where it changed;
+  note STUDY|RUN_ID "TEXT"                             note something of a study or run; without a text, show it
+  tag STUDY +paper -draft                              add and remove tags
+  archive STUDY [--undo]                               leave it out of lists
+  delete STUDY [--yes]                                 delete what bench wrote in it; asks before
+  history problem=NAME optimizer=NAME [OPTION=V] [--check] [--json]
+                                                       one method over versions of the code, and where it changed;
                                                        --check: exit 1 where the newest study is worse than the tagged
-  pack STUDY [--to FILE.zip] [results=DIR]             a study as one file: tables, versions, page, readme
-  unpack FILE.zip [results=DIR]                        unpack one that somebody sent, checked, without trust
+  pack STUDY [--to FILE.zip]                           a study as one file: tables, versions, page, readme
+  unpack FILE.zip                                      unpack one that somebody sent, checked, without trust
   ui [RESULTS] [port=8765] [--write]                   all of this in a browser of this machine, sweeps as they run;
                                                        --write: notes and tags too (needs calibench[ui])
   doctor [--json]                                      versions, machine, compiled kernels and extras, for bug reports;
                                                        exit 1 where something that is needed does not load
-  choose STUDY_DIR [optimizer=NAME] [by=value|goal] [over=instances|seeds] [--json]
-                                                       the best of the settings swept, with the optimism of the choice
+  choose STUDY_DIR [OPTION=V] [--json]                 the best of the settings swept, with the optimism of the choice
   status|collect|report|merge|export|import|show|compare|choose|history|pack ... [--trust]
                                                        verbs that read import no class that a file names: --trust lets
                                                        them, of files that are yours

@@ -30,7 +30,6 @@ def best_of(summary: Mapping[Any, list[Any]], most: int) -> dict[Any, list[Any]]
 
 
 def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> None:
-    """Print the columns of a summary of cells, a line each, best first on each task."""
     named = _with_methods(summary)
     order = order_of(named).tolist()
     cells = {name: [column[i] for i in order] for name, column in named.items()}

@@ -181,7 +181,6 @@ def choose_setting(argv: list[str]) -> int:
 
 
 def print_chosen(chosen: Chosen) -> None:
-    """Print a table of the settings, best first, and four lines on what choosing is worth."""
     nested, times, unit = chosen.nested, chosen.times_chosen(), chosen.over[:-1]
     weaker = " (a statement on new seeds of these instances alone)" if chosen.over == "seeds" else ""
     print(

@@ -7,25 +7,21 @@ import json
 import sys
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from calibench.bench.calibration.request import read_design_poses, write_design
 from calibench.bench.commands.console import print_table
-from calibench.bench.discovery.batch import Designed, designed, read_design, read_discover, search_all
+from calibench.bench.discovery.batch import Designed, designed, read_discover, search_all
 from calibench.bench.discovery.page import words as wording
 from calibench.bench.discovery.page.page import smallest, untested_lines
 from calibench.bench.words import split_flags
-from calibench.core.words import plain, print_plain as print, printable
+from calibench.core.words import plain, print_plain as print
 from calibench.discrepancy.labels import effect_label
 
-_WIDTH = 120  # of tables that go to a file
 _LISTED = 10  # names of a class that are printed
 _STEPS = (0, 5, 10, 15, 20, 30, 40, 60, 80, 100, 150, 200)  # poses more, of which the error is printed
 
 
 def discover(argv: list[str]) -> int:
-    """Search the data that `argv` names and print a verdict each; 1 where a search failed."""
     flags, words = split_flags(argv, ("--json", "--retry"))
     request = read_discover(words)
     failed, count = 0, 0
@@ -61,30 +57,24 @@ def design(argv: list[str]) -> int:
     if "machine=arm" in argv and (asked or not others):  # which poses of an arm to measure
         return design_poses(argv)
     flags, words = split_flags(argv, ("--json",))
-    request = read_design(words)
-    answer = designed(request)
+    answer = designed(words)
     if "--json" in flags:
-        print(json.dumps(answer.to_dict(request.machine), indent=1))
-        return 0
-    console = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else _WIDTH)
-    _print(console, answer, request.build_machine().name)
+        print(json.dumps(answer.to_dict(), indent=1))
+    else:
+        _print(answer)
     return 0
 
 
-def _print(console: Console, answer: Designed, machine: str) -> None:
-    design, further = answer.design, answer.further
+def _print(answer: Designed) -> None:
+    design, further, machine = answer.design, answer.further, answer.label
     words = {s.effect: effect_label(machine, s.family, s.target) for s in design.candidates}
     print(f"{design.name}: {design.readings} readings, {design.constraints} constraints; no effect was fitted\n")
-    table = Table(box=None, pad_edge=False)
-    table.add_column("effect")
-    for head in ("visible share", "smallest size seen", "class"):
-        table.add_column(head, justify="right")
-    sizes = {k: len(names) for k, names in enumerate(design.classes)}
+    sizes, rows = {k: len(names) for k, names in enumerate(design.classes)}, []
     for sight in design.candidates:
         seen = smallest(sight.minimum_detectable, sight.unit) if sight.visible else "invisible"
         group = str(sight.group + 1) if sizes.get(sight.group, 0) > 1 else ""
-        table.add_row(printable(words[sight.effect]), wording.share(sight.visible_fraction), seen, group)
-    console.print(table)
+        rows.append([words[sight.effect], wording.share(sight.visible_fraction), seen, group])
+    print_table(["effect", "visible share", "smallest size seen", "class"], rows)
     print()
     mixed = [names for names in design.classes if len(names) > 1]
     if mixed:
@@ -108,12 +98,9 @@ def _print(console: Console, answer: Designed, machine: str) -> None:
     if not further.helps:
         print("  none: no reading separates these; they leave the same signature")
         return
-    table = Table(box=None, pad_edge=False)
-    for head in ("x [mm]", "y [mm]", "separation after it [sigma]"):
-        table.add_column(head, justify="right")
-    for (x, y), separation in zip(further.positions, further.separation[1:]):
-        table.add_row(f"{x:.1f}", f"{y:.1f}", f"{separation:.2f}")
-    console.print(table)
+    places = zip(further.positions, further.separation[1:])
+    rows = [[f"{x:.1f}", f"{y:.1f}", f"{separation:.2f}"] for (x, y), separation in places]
+    print_table(["x [mm]", "y [mm]", "separation after it [sigma]"], rows)
     print(f"  separation before: {further.separation[0]:.2f} sigma, after: {further.separation[-1]:.2f}")
 
 

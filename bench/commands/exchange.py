@@ -54,7 +54,6 @@ def import_study(argv: list[str]) -> int:
 
 
 def _asked(verb: str, argv: list[str], formats: tuple[str, ...], what: str, example: str) -> tuple[str, str, str]:
-    """Return the format, the folder and OUT of ``FORMAT FOLDER --to OUT``."""
     to, rest = split_word(argv, "--to")
     if not to or "--to" in rest:
         raise ValueError(f"{verb}: one --to OUT is needed, such as {example}")

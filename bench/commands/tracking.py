@@ -20,7 +20,6 @@ _SHOWN = 50  # lines of a catalogue
 
 
 def list_studies(argv: list[str]) -> int:
-    """Print the catalogue below a folder: the first words, newest first."""
     flags, words = split_flags(argv, ("--json", "--all"))
     folders = [word for word in words if "=" not in word]
     if len(folders) > 1:
@@ -47,7 +46,6 @@ def list_studies(argv: list[str]) -> int:
 
 
 def sql(argv: list[str]) -> int:
-    """Print the rows of one SELECT over the tables of all studies."""
     from calibench.bench.tracking.tables import query
 
     flags, words = split_flags(argv[1:], ("--json",))
@@ -65,7 +63,6 @@ def sql(argv: list[str]) -> int:
 
 
 def note(argv: list[str]) -> int:
-    """Note a text of a study or run; without a text, show what is noted."""
     results, plain = _named("note", argv)
     if len(plain) > 2:
         raise ValueError('note: a study or run and one text are needed, such as bench note adhoc "best so far"')
@@ -83,7 +80,6 @@ def note(argv: list[str]) -> int:
 
 
 def tag(argv: list[str]) -> int:
-    """Add and remove tags of a study."""
     changes = [word for word in argv if word[:1] in "+-"]
     results, plain = _named("tag", [word for word in argv if word not in changes])
     if len(plain) != 1 or not changes:
@@ -95,7 +91,6 @@ def tag(argv: list[str]) -> int:
 
 
 def archive(argv: list[str]) -> int:
-    """Leave a study out of lists, or take that back."""
     flags, words = split_flags(argv, ("--undo",))
     results, [name] = _one("archive", words)
     folder, _ = find_study(results, name)
@@ -178,7 +173,6 @@ def history(argv: list[str]) -> int:
 
 
 def pack_study(argv: list[str]) -> int:
-    """Write a study as one file."""
     from calibench.bench.tracking.pack import pack
 
     to, words = split_word(argv, "--to")
@@ -191,7 +185,6 @@ def pack_study(argv: list[str]) -> int:
 
 
 def unpack_study(argv: list[str]) -> int:
-    """Unpack what somebody sent."""
     from calibench.bench.tracking.pack import unpack
 
     flags, words = split_flags(argv, ("--trust",))
@@ -207,7 +200,6 @@ def unpack_study(argv: list[str]) -> int:
 
 
 def ui(argv: list[str]) -> int:
-    """Show all studies in a browser of this machine, until Ctrl-C."""
     flags, words = split_flags(argv, ("--write",))
     folders = [word for word in words if "=" not in word]
     given = read(UiWords, "ui", [word for word in words if word not in folders])

@@ -15,7 +15,6 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from threading import Event, Thread
 from time import monotonic, process_time
 from typing import Any, Literal, final
 
@@ -23,6 +22,7 @@ import numpy as np
 
 from calibench import discrepancy
 from calibench.bench.discovery.store import FindingStore, SearchRecord
+from calibench.bench.execution.in_progress import looked_at
 from calibench.bench.gate.endings import place_of, text_of
 from calibench.bench.gate.processes import CAN_FORK, WorkerPool
 from calibench.bench.measured.files import pairs_of
@@ -49,26 +49,16 @@ from calibench.discrepancy.report import Report
 Pages = Literal["auto", "all", "none"]
 
 
-@dataclass(frozen=True)
-class _OfMachine:
-    machine: str
-    machine_options: Mapping[str, Any]
-
-    def build_machine(self) -> Machine:
-        """Return the machine with its options; raise `DataError` for a class that is none."""
-        machine = machines.make(self.machine, **self.machine_options)
-        refuse_no_machine(machine, f"machine={self.machine}")
-        return machine
-
-
 @final
 @dataclass(frozen=True)
-class DiscoverRequest(_OfMachine):
+class DiscoverRequest:
     """A search in one or more sets of data; `stated` overrides the files' own metadata.
 
     `across` names further sets of the machine, as `data` does, in which the findings of one set are looked for.
     """
 
+    machine: str
+    machine_options: Mapping[str, Any]
     data: str
     stated: Mapping[str, Any]
     across: str = ""
@@ -83,6 +73,9 @@ class DiscoverRequest(_OfMachine):
         across = {"across": self.across} if self.across else {}
         machine = {"name": self.machine, **self.machine_options}
         return canonical({"machine": machine, "stated": dict(self.stated), **across})
+
+    def build_machine(self) -> Machine:
+        return _built(self.machine, self.machine_options)
 
 
 def read_discover(words: Sequence[str]) -> DiscoverRequest:
@@ -103,39 +96,11 @@ def read_discover(words: Sequence[str]) -> DiscoverRequest:
     )  # fmt: skip
 
 
-@final
-@dataclass(frozen=True)
-class DesignRequest(_OfMachine):
-    """A question about data or a plan before anything is fitted.
-
-    Effects are of `size` sigma; `further` is the number of readings to propose that split `rivals` (or the first class
-    of names that look alike).
-    """
-
-    data: str
-    plan: str
-    plan_options: Mapping[str, Any]
-    stated: Mapping[str, Any]
-    size: float
-    rivals: tuple[str, ...]
-    further: int
-
-
-def read_design(words: Sequence[str]) -> DesignRequest:
-    """Return the question that `words` ask. Raises `RequestError` or `ValueError`."""
-    given = read(DesignWords, "design", words)
-    stated, options = _of_the_machine(given)
-    if bool(given.data) == bool(given.plan):
-        raise RequestError("one of data=FILE and plan=NAME is needed")
-    plan = description_of(given.machine).plan
-    rivals = tuple(part.strip() for part in given.rivals.split(",") if part.strip())
-    if len(rivals) == 1:
-        raise RequestError(f"rivals={rivals[0]}: two or more names are needed, with a comma between them")
-    return DesignRequest(
-        machine=given.machine, machine_options=options, data=given.data, plan=given.plan,
-        plan_options=_read(given.plan_options, declared_options(plan) if plan else {}), stated=stated, size=given.size,
-        rivals=rivals, further=given.further,
-    )  # fmt: skip
+def _built(name: str, options: Mapping[str, Any]) -> Machine:
+    """Return the machine with its options; raise `DataError` for a class that is none."""
+    machine = machines.make(name, **options)
+    refuse_no_machine(machine, f"machine={name}")
+    return machine
 
 
 def _of_the_machine(given: DiscoverWords | DesignWords) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -181,62 +146,74 @@ _MOST_CLASSES = 6  # that are tried for one that further readings split at all
 @final
 @dataclass(frozen=True, eq=False)
 class Designed:
-    """The answer: what can be detected, and the readings that best split `further.rivals` (None: not asked)."""
+    """What can be detected, and the readings that best split `further.rivals` (None: not asked, or for this reason).
 
+    `machine` is what was asked for, `label` the name of its kind.
+    """
+
+    machine: str
+    label: str
     design: Design
-    further: NextPoses | None
-    reason: str
+    further: NextPoses | None = None
+    reason: str = ""
 
-    def to_dict(self, machine: str) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        said = {"schema_version": 1, "machine": machine, **self.design.to_dict()}
+    def to_dict(self) -> dict[str, Any]:
+        said = {"schema_version": 1, "machine": self.machine, **self.design.to_dict()}
         return said | {"next": None if self.further is None else self.further.to_dict()}
 
 
-def designed(request: DesignRequest) -> Designed:
-    """Return the answer to a request. Raises `RequestError`, `DataError` or `ValueError`, in one line."""
-    if request.data:
-        listed = sets(request.data, request.build_machine().name, request.stated)
-        if len(listed) > 1:
-            raise RequestError(f"data={request.data}: names {len(listed)} sets; design looks at one")
-        data = listed[0].read(request.stated)
-    else:
-        make, names = description_of(request.machine).plan, plan_names(request.machine)
-        if make is None:
-            raise RequestError(f"plan=: {request.machine} has no named plans; give data=FILE with the plan's readings")
-        if request.plan not in names:
-            raise RequestError(f"plan={request.plan}: {suggest(request.plan, names)}")
-        for key in ("columns", "units"):
-            if key in request.stated:
-                raise RequestError(f"{key}=: goes with data=FILE, and plan={request.plan} has its own names")
-        declared = declared_options(make)
-        chosen = {**{k: v for k, v in request.stated.items() if k in declared}, **request.plan_options}
-        for key in chosen:
-            if key not in declared or key == "plan":
-                raise RequestError(f"plan.{key}: {suggest(key, [k for k in declared if k != 'plan'])}")
-        checked = {key: coerce(f"plan.{key}", value, declared[key].type) for key, value in chosen.items()}
-        made = make(request.plan, **checked)
-        data = MeasuredData(made.columns, made.machine, {**made.metadata, **request.stated}, made.name, made.notes)
-    answer = design(request.build_machine(), data, size=request.size)
-    if not request.further:
-        return Designed(answer, None, "")
-    if request.rivals:
-        further = next_poses(request.build_machine(), data, request.rivals, request.further, request.size)
-        return Designed(answer, further, "")
+def designed(words: Sequence[str]) -> Designed:
+    """Return what data or a plan could show, as `words` ask. Raises `RequestError`, `DataError` or `ValueError`."""
+    given = read(DesignWords, "design", words)
+    stated, options = _of_the_machine(given)
+    if bool(given.data) == bool(given.plan):
+        raise RequestError("one of data=FILE and plan=NAME is needed")
+    chosen = tuple(part.strip() for part in given.rivals.split(",") if part.strip())
+    if len(chosen) == 1:
+        raise RequestError(f"rivals={chosen[0]}: two or more names are needed, with a comma between them")
+    machine = partial(_built, given.machine, options)
+    data = _data_of(given, machine().name, stated)
+    answer = Designed(given.machine, machine().name, design(machine(), data, size=given.size))
+    if not given.further:
+        return answer
+    if chosen:
+        return replace(answer, further=next_poses(machine(), data, chosen, given.further, given.size))
     best, reason = None, "no two names look alike in these data"
-    for rivals in [names[:_MOST_RIVALS] for names in answer.classes if len(names) > 1][:_MOST_CLASSES]:
+    for rivals in [names[:_MOST_RIVALS] for names in answer.design.classes if len(names) > 1][:_MOST_CLASSES]:
         try:
-            best = next_poses(request.build_machine(), data, rivals, request.further, request.size)
+            best = next_poses(machine(), data, rivals, given.further, given.size)
         except ValueError as error:
             reason = str(error)
             continue
         if best.helps:
             break
-    return Designed(answer, best, "" if best else reason)
+    return replace(answer, further=best, reason="" if best else reason)
+
+
+def _data_of(given: DesignWords, machine: str, stated: Mapping[str, Any]) -> MeasuredData:
+    if given.data:
+        listed = sets(given.data, machine, stated)
+        if len(listed) > 1:
+            raise RequestError(f"data={given.data}: names {len(listed)} sets; design looks at one")
+        return listed[0].read(stated)
+    make, names = description_of(given.machine).plan, plan_names(given.machine)
+    if make is None:
+        raise RequestError(f"plan=: {given.machine} has no named plans; give data=FILE with the plan's readings")
+    if given.plan not in names:
+        raise RequestError(f"plan={given.plan}: {suggest(given.plan, names)}")
+    for key in ("columns", "units"):
+        if key in stated:
+            raise RequestError(f"{key}=: goes with data=FILE, and plan={given.plan} has its own names")
+    declared = declared_options(make)
+    chosen = {**{k: v for k, v in stated.items() if k in declared}, **_read(given.plan_options, declared)}
+    for key in chosen:
+        if key not in declared or key == "plan":
+            raise RequestError(f"plan.{key}: {suggest(key, [k for k in declared if k != 'plan'])}")
+    made = make(given.plan, **{k: coerce(f"plan.{k}", value, declared[k].type) for k, value in chosen.items()})
+    return MeasuredData(made.columns, made.machine, {**made.metadata, **stated}, made.name, made.notes)
 
 
 def plan_names(machine: str) -> tuple[str, ...]:
-    """Return the plans that can be asked for without data."""
     make = description_of(machine).plan
     return tuple(str(choice) for choice in declared_options(make)["plan"].type.__args__) if make else ()
 
@@ -300,21 +277,16 @@ _SOON, _EVERY = 5.0, 30.0  # s of a search after which its first line, and each 
 @contextmanager
 def _telling(case: str) -> Iterator[None]:
     """Tell on the terminal, while a search takes long, that it goes on."""
-    began, ended = monotonic(), Event()
+    began, told = monotonic(), 0
 
     def tell() -> None:
-        pause = _SOON
-        while not ended.wait(pause):
-            pause, took = _EVERY, monotonic() - began
+        nonlocal told
+        if (took := monotonic() - began) >= _SOON + told * _EVERY:
+            told += 1
             print_plain(f"  searching {case}, {took:.0f} s so far", file=sys.stderr, flush=True)
 
-    thread = Thread(target=tell, daemon=True)
-    thread.start()
-    try:
+    with looked_at(tell, _SOON):
         yield
-    finally:
-        ended.set()
-        thread.join()
 
 
 def others_of(named: str, machine: str) -> list[Source]:

@@ -92,14 +92,12 @@ class FindingStore:
         return record if record is not None and record.case_id == case_id and not record.error else None
 
     def write(self, record: SearchRecord) -> Path:
-        """Write a case's record: the mark that it is done."""
         path = self.folder / record.case / "report.json"
         path.parent.mkdir(parents=True, exist_ok=True)
         text = json.dumps(record.to_dict(), indent=1, allow_nan=False).encode()
         return write_whole(path, lambda file: file.write(text))
 
     def collect(self) -> None:
-        """Fold all reports into the two tables, sorted by case."""
         if not is_discovery(self.folder):
             raise StoreError(f"{self.folder}: is no study of bench discover")
         findings: list[dict[str, Any]] = []

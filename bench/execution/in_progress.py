@@ -19,7 +19,6 @@ from dataclasses import dataclass, field, fields, replace
 from math import isfinite
 from pathlib import Path
 from threading import Lock
-from time import monotonic
 from typing import TYPE_CHECKING, Any, final
 
 from calibench.bench.gate.processes import born, is_gone
@@ -290,66 +289,18 @@ def _sweep(path: Path) -> tuple[str, int, str]:
         return platform.node(), os.getpid(), "-"
 
 
-_IDLE = 10.0  # seconds for which the thread waits for something to look at
-
-
 @contextmanager
 def looked_at(look: Callable[[], None], every: float = 1.0) -> Iterator[None]:
     """Call `look` every so many seconds, from another thread, while the block lasts. Its exceptions are ignored."""
-    key, due, pulse = object(), monotonic() + every, _here()
-    with pulse.change:
-        pulse.looks[key] = (due, every, look)
-        if not pulse.alive:
-            pulse.alive = True
-            threading.Thread(target=pulse.beat, name=f"{OWN_THREAD}pulse", daemon=True).start()
-        elif due < pulse.wakes:
-            pulse.change.notify()
+    ended = threading.Event()
+
+    def beat() -> None:
+        while not ended.wait(every):
+            with suppress(Exception):
+                look()
+
+    threading.Thread(target=beat, name=f"{OWN_THREAD}pulse", daemon=True).start()
     try:
         yield
     finally:
-        pulse = _here()
-        with pulse.change:
-            pulse.looks.pop(key, None)
-
-
-@final
-@dataclass(eq=False)
-class _Pulse:
-    """The thread of this process that calls what is to be looked at, and ends when there has been nothing for long."""
-
-    change: threading.Condition = field(default_factory=threading.Condition)
-    looks: dict[object, tuple[float, float, Callable[[], None]]] = field(default_factory=dict)  # due, how often, what
-    wakes: float = 0.0
-    alive: bool = False
-
-    def beat(self) -> None:
-        idle_until = monotonic() + _IDLE
-        while True:
-            with self.change:
-                now = monotonic()
-                if self.looks:
-                    idle_until = now + _IDLE
-                elif now >= idle_until:
-                    self.alive = False
-                    return
-                self.wakes = min((due for due, _, _ in self.looks.values()), default=min(idle_until, now + 1.0))
-                if self.wakes > now:
-                    self.change.wait(self.wakes - now)
-                    continue
-                ready = [(key, every, look) for key, (due, every, look) in self.looks.items() if due <= now]
-                for key, every, look in ready:
-                    self.looks[key] = (now + every, every, look)
-            for _, _, look in ready:
-                with suppress(Exception):
-                    look()
-
-
-_PULSES: dict[int, _Pulse] = {}  # of this process alone: no thread lives on in a forked child
-
-
-def _here() -> _Pulse:
-    pid = os.getpid()
-    if pid not in _PULSES:
-        _PULSES.clear()
-        _PULSES[pid] = _Pulse()
-    return _PULSES[pid]
+        ended.set()

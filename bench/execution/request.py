@@ -13,7 +13,7 @@ budget pays.
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sized
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -55,7 +55,6 @@ class Asked:
 
     @cached_property
     def run_id(self) -> str:
-        """Return the content id of the run."""
         start = self.first if self.start == "given" else self.start
         pair = self.pair
         return run_id(pair.problem_key, pair.optimizer_key, self.budget, self.repetition, start, self.target)
@@ -111,7 +110,6 @@ class Pair:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return the physical parameters."""
         return parameters_of(self.problem)
 
     @cached_property
@@ -123,12 +121,11 @@ class Pair:
 
     @cached_property
     def coordinate_names(self) -> tuple[str, ...]:
-        """Return the names of what x holds."""
         return tuple(coordinate.name for coordinate in coordinates_of(self.problem))
 
 
 def pair_of(problem: Any, optimizer: Any, problem_name: str | None = None, optimizer_name: str | None = None) -> Pair:
-    """Return the pair. Raises `ValueError` where it cannot be run."""
+    """Raise `ValueError` where the two cannot be run."""
     check_pair(problem, optimizer)
     who = name_of(problem) if problem_name is None else problem_name
     method = name_of(optimizer) if optimizer_name is None else optimizer_name
@@ -352,30 +349,21 @@ OPTIONAL = (
     "residuals", "jacobian", "gradient", "value_and_gradient", "batch", "targets", "minimum", "unit", "group",
     "parameters", "coordinates", "truth", "budgets", "stochastic",
 )  # fmt: skip  # what is read before a run begins
-_MANY = "give one number, such as a weighted sum"
 _OUT_OF_SCOPE = {
     "constraints": "constraints are not handled: put a penalty into the value, or choose a box that holds them",
-    "constraint": "constraints are not handled: put a penalty into the value, or choose a box that holds them",
     "integrality": "whole numbers are not handled: every coordinate is real",
-    "integers": "whole numbers are not handled: every coordinate is real",
-    "integer": "whole numbers are not handled: every coordinate is real",
-    "categories": "categories are not handled: every coordinate is real",
-    "objectives": f"several objectives are not handled: {_MANY}",
-    "n_objectives": f"several objectives are not handled: {_MANY}",
+    "objectives": "several objectives are not handled: give one number, such as a weighted sum",
+    "n_objectives": "several objectives are not handled: give one number, such as a weighted sum",
 }
-_ALIKE = {
-    **{f"{kind}_constraints": "constraints" for kind in ("equality", "inequality", "linear", "nonlinear")},
-    **dict.fromkeys(("integer_variables", "discrete", "is_integer"), "integers"), "categorical": "categories",
-    **dict.fromkeys(("n_obj", "nobj", "number_of_objectives"), "n_objectives"),
-}  # fmt: skip
 
 
 def check_extras(problem: Any, who: str) -> None:
     """Raise `ValueError`, one line, where an attribute of `problem` is wrong or asks for an unsupported task."""
-    for attribute, kind in {**{key: key for key in _OUT_OF_SCOPE}, **_ALIKE}.items():
-        asked = getattr(problem, attribute, None)
-        if asked is not None and _asks(asked, kind, np.size(problem.lower)):
-            raise ValueError(f"problem {who}: {attribute}: {_OUT_OF_SCOPE[kind]}")
+    for attribute, why in _OUT_OF_SCOPE.items():
+        asked = np.asarray(getattr(problem, attribute, None), dtype=object)
+        several = asked.size > 1 if attribute == "objectives" else asked.size and np.any(asked)
+        if several and not (attribute == "n_objectives" and asked == 1):
+            raise ValueError(f"problem {who}: {attribute}: {why}")
     for read in (coordinates_of, parameters_of):
         try:
             read(problem)
@@ -431,24 +419,6 @@ def minimum_of(problem: Any) -> float | None:
 def unit_of(problem: Any) -> str:
     """Return the unit of the value; '' where the problem does not say."""
     return str(extra_of(problem, "unit", ""))
-
-
-def _asks(asked: Any, kind: str, dimension: int) -> bool:
-    """Tell whether an attribute asks for such a task; an empty list, False, 0 coordinates, or one objective do not."""
-    if callable(asked) or isinstance(asked, str):
-        return True
-    if kind == "n_objectives":
-        return bool(asked != 1)
-    if kind == "objectives":
-        return isinstance(asked, Sized) and len(asked) > 1
-    if isinstance(asked, Mapping):
-        return bool(asked)
-    if isinstance(asked, Sized) and len(asked) != dimension:  # not flags, one a coordinate: which ones, or functions
-        return len(asked) > 0
-    try:
-        return bool(np.any(np.asarray(asked, dtype=float)))
-    except (TypeError, ValueError):
-        return True
 
 
 _METHODS = (

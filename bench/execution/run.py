@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from math import inf
@@ -179,28 +179,39 @@ class Run:
 
     @property
     def trace(self) -> pd.DataFrame:
-        """Return the best value over evaluations: columns evaluations, charged, best_value, restart."""
         import pandas as pd
 
         return pd.DataFrame(self.points, columns=["evaluations", "charged", "best_value", "restart"])
 
 
-@final
-@dataclass(eq=False)
-class Heard:
-    """What a watched run has told of itself: it is followed in `stack` from then on; `draft`: its row, not judged."""
+def made_or_found(
+    ask: Callable[[Found | None, Callable[[Name | Run, Mirror, int], None]], Run | Cut], began: datetime
+) -> tuple[Run | Found, str]:
+    """Return the run that ``ask(found, hear)`` makes, asked again for its row where it is cut, and what its id is.
 
-    name: Name | None = None
-    draft: Run | None = None
-    stack: ExitStack = field(default_factory=ExitStack)
+    Where that is cut too, or what builds it is, the first cut is returned. The run is followed from when it is named.
+    """
+    found, known_id = None, ""
+    while True:
+        draft: Run | None = None
+        with ExitStack() as stack:
 
-    def hear(self, message: Name | Run, counts: Mirror, pid: int) -> None:
-        """Take what the process `pid` tells; `counts` are its own."""
-        if isinstance(message, Run):
-            self.draft = message
-        else:
-            self.name = message
-            self.stack.enter_context(followed(message, counts, pid))
+            def hear(message: Name | Run, counts: Mirror, pid: int, stack: ExitStack = stack) -> None:
+                nonlocal draft, known_id
+                if isinstance(message, Run):
+                    draft = message  # its row, not judged
+                else:
+                    known_id = message.run_id
+                    stack.enter_context(followed(message, counts, pid))
+
+            run = ask(found, hear)
+        if not isinstance(run, Cut):
+            return run, known_id
+        if draft is not None:
+            return as_lost_in_judging(draft, run), known_id
+        if found is not None or run.phase == Phase.BUILDING:
+            return found or Found(run, began), known_id
+        found = Found(run, began)
 
 
 def as_lost_in_judging(draft: Run, cut: Cut) -> Run:
@@ -250,7 +261,6 @@ def _run_of_object(asked: Asked, way: Way, time_limit: float | None) -> Run:
         pair.compiled = compile_parts(pair.problem, pair.optimizer) is None
     looks(), scans()  # once here, and not in every child
     limit = inf if time_limit is None else time_limit
-    began = datetime.now(UTC)
 
     def make(found: Found | None, watch: Watch) -> tuple[Run, bool]:
         if way.state is None:
@@ -258,25 +268,18 @@ def _run_of_object(asked: Asked, way: Way, time_limit: float | None) -> Run:
         with kept() as state:  # a child has other streams than its parent from the beginning
             return make_run(asked, replace(way, state=state), watch, found), False
 
-    found: Found | None = None
-    while True:
-        runner, heard = Runner(make, len(asked.first) + 2 * len(asked.targets)), Heard()
-        with heard.stack:
-            run = runner.ask(found, limit, heard.hear)
-        if not isinstance(run, Cut):
-            if way.state is None:
-                return run  # type: ignore[no-any-return]
-            way.state.note(run.record.process_changes or ())  # and what has been changed here before that
-            return Run(replace(run.record, process_changes=way.state.put_back()), run.points)
-        if heard.draft is not None:
-            return as_lost_in_judging(heard.draft, run)
-        if found is not None:  # the row of a run that was cut, without a further call of its problem
-            gate = Evaluator(pair.problem, asked.budget, start=asked.first, target=asked.target, targets=asked.targets)
-            ending = found.restored(gate)
-            gate.close()
-            row = row_of(asked, gate, Answer(**place_of_answer(pair, gate.best_x)), ending, found.began)
-            return Run(row, tuple(gate.trace))
-        found = Found(run, began)
+    room = len(asked.first) + 2 * len(asked.targets)
+    run, _ = made_or_found(lambda found, hear: Runner(make, room).ask(found, limit, hear), datetime.now(UTC))
+    if isinstance(run, Found):  # the row of a run that was cut, without a further call of its problem
+        gate = Evaluator(pair.problem, asked.budget, start=asked.first, target=asked.target, targets=asked.targets)
+        ending = run.restored(gate)
+        gate.close()
+        row = row_of(asked, gate, Answer(**place_of_answer(pair, gate.best_x)), ending, run.began)
+        return Run(row, tuple(gate.trace))
+    if way.state is None:
+        return run
+    way.state.note(run.record.process_changes or ())  # and what has been changed here before that
+    return Run(replace(run.record, process_changes=way.state.put_back()), run.points)
 
 
 @contextmanager

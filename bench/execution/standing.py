@@ -8,6 +8,7 @@ built once more in a child with little time; else the classes are read; else onl
 
 import os
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -19,11 +20,11 @@ from calibench.bench.execution.answer import Answer, Merit
 from calibench.bench.execution.costly import ReplayFolder
 from calibench.bench.execution.kernels import is_own, load_new_kernels
 from calibench.bench.execution.request import check_numbers, pair_of, preferred_start, read_asked
-from calibench.bench.execution.run import Found, Heard, Run, Spec, Way, as_lost_in_judging, make_run, row_of
+from calibench.bench.execution.run import Found, Run, Spec, Way, made_or_found, make_run, row_of
 from calibench.bench.execution.run_row import SCHEMA_VERSION, RunRow
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.processes import Lost, apart, has_children
-from calibench.bench.gate.time_limit import ROOM, Cut, Ending, Larger, Phase, Runner, Watch
+from calibench.bench.gate.time_limit import ROOM, Cut, Ending, Larger, Mirror, Phase, Runner, Watch
 from calibench.bench.provenance.code_digest import Library, code_digest, library_of
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical, chosen_options, options_as_asked, run_id
@@ -53,30 +54,21 @@ os.register_at_fork(after_in_child=_STANDING.clear)
 def run_apart(spec: Spec, inner: int, replay: ReplayFolder | None, known_id: str) -> Run:
     """Make the run in this thread's standing process, or its row where it is cut there (`known_id`: not built)."""
     check_numbers(spec.budget, spec.repetition, spec.target, spec.time_limit)
-    began = datetime.now(UTC)
     limited = not (is_own(problems.registry, spec.problem) and is_own(optimizers.registry, spec.optimizer))
     building_s = spec.time_limit if limited and spec.time_limit is not None else inf
-    found: Found | None = None
-    while True:
-        heard = Heard()
-        with heard.stack:
-            run = _ask(_Request(spec, inner, replay, building_s, found), heard)
-        if not isinstance(run, Cut):
-            return run
-        if heard.draft is not None:
-            return as_lost_in_judging(heard.draft, run)
-        known_id = known_id if heard.name is None else heard.name.run_id
-        if found is not None or run.phase == Phase.BUILDING:
-            cut = run if found is None else found.cut
-            ending, patience = cut.ending, _PATIENCE if spec.time_limit is None else min(spec.time_limit, _PATIENCE)
-            return lost_run(
-                spec, known_id, ending.error_type, ending.error, timed_out=cut.timed_out,
-                wall_s=ending.wall_s, cpu_s=ending.cpu_s, patience=patience,
-            )  # fmt: skip
-        found = Found(run, began)
+    run, found_id = made_or_found(
+        lambda found, hear: _ask(_Request(spec, inner, replay, building_s, found), hear), datetime.now(UTC)
+    )
+    if isinstance(run, Run):
+        return run
+    ending, patience = run.cut.ending, _PATIENCE if spec.time_limit is None else min(spec.time_limit, _PATIENCE)
+    return lost_run(
+        spec, found_id or known_id, ending.error_type, ending.error, timed_out=run.cut.timed_out,
+        wall_s=ending.wall_s, cpu_s=ending.cpu_s, patience=patience,
+    )  # fmt: skip
 
 
-def _ask(request: _Request, heard: Heard) -> Run | Cut:
+def _ask(request: _Request, hear: Callable[[Any, Mirror, int], None]) -> Run | Cut:
     """Return what the standing process makes of a request; it gets more room where the run needs it."""
     spec, room, me = request.spec, ROOM, threading.current_thread()
     limit = inf if spec.time_limit is None else spec.time_limit
@@ -87,7 +79,7 @@ def _ask(request: _Request, heard: Heard) -> Run | Cut:
         try:
             if not plain:  # an object cannot be sent there
                 runner = Runner(lambda _, watch: (_make(request, watch)[0], False), room)
-                return runner.ask(None, limit, heard.hear)  # type: ignore[no-any-return]
+                return runner.ask(None, limit, hear)  # type: ignore[no-any-return]
             for thread in [thread for thread in _STANDING if not thread.is_alive()]:
                 _end_standing(thread)
             if me in _STANDING:
@@ -96,7 +88,7 @@ def _ask(request: _Request, heard: Heard) -> Run | Cut:
                     _end_standing(me)
             if me not in _STANDING:
                 _STANDING[me] = Runner(_make, room), own_state.Kept(SLOW)
-            return _STANDING[me][0].ask(request, limit, heard.hear)  # type: ignore[no-any-return]
+            return _STANDING[me][0].ask(request, limit, hear)  # type: ignore[no-any-return]
         except Larger as larger:
             room = 2 * larger.args[0]
 
@@ -114,7 +106,6 @@ def _make(request: _Request, watch: Watch) -> tuple[Run, bool]:
 
 
 def _is_plain(value: Any) -> bool:
-    """Tell whether options are values that mean the same in another process."""
     if isinstance(value, dict):
         return all(isinstance(name, str) and _is_plain(one) for name, one in value.items())
     if isinstance(value, list | tuple):
@@ -143,7 +134,6 @@ def lost_run(
 
 
 def _as_built(spec: Spec, ending: Ending) -> RunRow:
-    """Return the row as the run itself would have begun it."""
     problem = problems.make(spec.problem, **spec.problem_options)
     optimizer = optimizers.make(spec.optimizer, **spec.optimizer_options)
     asked = read_asked(pair_of(problem, optimizer), spec.budget, spec.repetition, start=spec.start, target=spec.target)

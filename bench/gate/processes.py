@@ -112,7 +112,6 @@ class Child:
 def _live(
     theirs: Connection, inherited: Iterable[Connection], parent: int, work: Callable[..., None], given: tuple[Any, ...]
 ) -> None:
-    """Do the work of a child, from its first breath to its last."""
     as_usual()
     become_worker(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
@@ -348,12 +347,7 @@ def flush_output() -> None:
         with suppress(Exception):
             stream.flush()
     with suppress(Exception):
-        _flush_of_c()(None)
-
-
-@cache
-def _flush_of_c() -> Callable[..., object]:
-    return ctypes.CDLL(None).fflush  # to find it takes longer than to call it
+        ctypes.CDLL(None).fflush(None)
 
 
 def _follow(parent_pipe: int) -> None:
@@ -498,7 +492,6 @@ def exit_of(code: int | None) -> str:
 
 
 def has_children() -> bool:
-    """Tell whether processes that were started here are left."""
     with suppress(AttributeError):  # of a system that does not say at once that there are none
         try:
             os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)

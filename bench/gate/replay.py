@@ -168,7 +168,6 @@ class ReplayFile:
         self._end += written
 
     def clear(self) -> None:
-        """Forget all records, on the disk too."""
         self._places, self._at, self._next, self._end = [], 0, None, 0
         if self._fd is not None:
             with suppress(OSError):
@@ -297,7 +296,6 @@ class Replayed:
         )  # fmt: skip
 
     def arm(self) -> None:
-        """Replace the gate's calls by ours."""
         self._armed = True
         self._gate.ask(self._ours)
 

@@ -35,8 +35,12 @@ GRACE = 2.0  # seconds for the gate to end the run by itself, and for what of ou
 STALL_LIMIT = 60.0  # seconds without an evaluation, after which an optimiser that may hang is taken to hang
 _LOOK = 0.5  # seconds between two looks at a child that is silent
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
-_HEAD = 22
-DEADLINE, PHASE, CPU_BEFORE, STALL = 8, 11, 20, 21  # places in the head of a mirror
+_COUNTS = (
+    "evaluations", "jacobian_evaluations", "best_evaluation", "non_finite", "restarts", "batch_evaluations",
+    "residual_evaluations", "gradient_evaluations", "joint_evaluations", "non_finite_slopes",
+)  # fmt: skip  # of a gate, as they stand in the head of a mirror; then its other numbers, and what is told of the run
+_BEST, _EARLIER, _SIZES = slice(10, 14), slice(14, 16), slice(16, 18)
+DEADLINE, PHASE, CPU_BEFORE, STALL, _HEAD = 18, 19, 20, 21, 22
 ROOM = 1000  # numbers that a mirror has room for unless more are asked for
 _ATTEMPTS = 64  # numbers of eight letters, for the names of what was tried
 PASSED = "the time limit has passed"
@@ -171,35 +175,33 @@ class Mirror:
         needed = gate.dimension + 2 * len(gate.hits)
         if needed > len(self._rest):
             raise Larger(needed)
-        self.head[18:20] = gate.dimension, len(gate.hits)
+        self.head[_SIZES] = gate.dimension, len(gate.hits)
         self._attempts[:] = 0
         self._traced = 0
-        self.head[5] = -1.0  # no best evaluation: the next is written
+        self.head[2] = -1.0  # no best evaluation: the next is written
         self.publish(gate, 0)
 
     def enter(self, phase: Phase, limit: float) -> None:
-        """Begin a phase of the run that may last `limit` seconds."""
         # before the phase: whoever waits must not see a later phase with an older end
         self.head[DEADLINE] = perf_counter() + limit
         self.head[PHASE] = phase
 
     @property
     def evaluations(self) -> int:
-        """Return the evaluations made, the one in progress included."""
         return int(self.head[0])
 
     @property
     def charged(self) -> int:
-        return int(self.head[0]) + int(self.head[18]) * int(self.head[1])
+        return int(self.head[0]) + int(self.head[_SIZES][0]) * int(self.head[1])
 
     @property
     def best_value(self) -> float:
-        return float(self.head[4])
+        return float(self.head[_BEST][0])
 
     def publish(self, gate: Evaluator, evaluations: int) -> None:
         """Write the state of `gate`, and that `evaluations` have been made or are being made."""
         best = gate.best_x
-        if self.head[5] != gate.best_evaluation and best is not None:
+        if self.head[2] != gate.best_evaluation and best is not None:
             best_x, hits, hits_charged = self._places()
             best_x[:] = best
             hits[:] = [nan if n is None else n for n in gate.hits]
@@ -207,44 +209,35 @@ class Mirror:
         for i in range(max(self._traced - 1, 0), len(gate.trace)):  # the last point may have been put right
             self._trace[min(i, _TRACE_POINTS - 1)] = gate.trace[i]
         self._traced = len(gate.trace)
-        self.head[:8] = (
-            evaluations, gate.jacobian_evaluations, gate.non_finite, gate.restarts, gate.best_value,
-            gate.best_evaluation, min(self._traced, _TRACE_POINTS), best is not None,
-        )  # fmt: skip
+        self.head[: len(_COUNTS)] = evaluations, *(getattr(gate, name) for name in _COUNTS[1:])
+        outside = nan if gate.outside_evaluations is None else gate.outside_evaluations
+        self.head[_BEST] = gate.best_value, min(self._traced, _TRACE_POINTS), best is not None, outside
+        self.head[_EARLIER] = gate.earlier
         if self.head[PHASE] == _SEARCH:
             self.head[DEADLINE] = gate.deadline  # which goes on while what is known from before is replayed
-        self.head[9:11] = gate.batch_evaluations, gate.residual_evaluations
-        self.head[12] = nan if gate.outside_evaluations is None else gate.outside_evaluations
-        self.head[13:15] = gate.earlier
-        self.head[15:18] = gate.gradient_evaluations, gate.joint_evaluations, gate.non_finite_slopes
         if gate.attempts:
             attempts = "\0".join(gate.attempts).encode()[: self._attempts.size]
             self._attempts[: len(attempts)] = np.frombuffer(attempts, dtype=np.uint8)
 
     def read(self) -> dict[str, Any]:
-        """Return the last state of the gate that was written."""
-        evaluations, jacobians, non_finite, restarts, best, best_evaluation, points, found = self.head[:8].tolist()
-        outside, tried = float(self.head[12]), self._attempts.any()
+        best_value, points, found, outside = self.head[_BEST].tolist()
         best_x, *levels = self._places()
         hits, hits_charged = ([None if n != n else int(n) for n in row.tolist()] for row in levels)
+        attempts = bytes(self._attempts).rstrip(b"\0").decode(errors="ignore")
         return {
-            "evaluations": int(evaluations), "jacobian_evaluations": int(jacobians),
-            "batch_evaluations": int(self.head[9]), "residual_evaluations": int(self.head[10]),
-            "gradient_evaluations": int(self.head[15]), "joint_evaluations": int(self.head[16]),
-            "non_finite": int(non_finite), "non_finite_slopes": int(self.head[17]),
+            **dict(zip(_COUNTS, map(int, self.head.tolist()), strict=False)),
             "unknown_slopes": 0,  # asked where a search ended by itself
             "outside_evaluations": None if outside != outside else int(outside),
-            "attempts": bytes(self._attempts).rstrip(b"\0").decode(errors="ignore").split("\0") if tried else [],
-            "restarts": int(restarts), "best_value": best, "best_evaluation": int(best_evaluation),
-            "best_x": best_x.copy() if found else None, "hits": hits if found else [None] * len(hits),
+            "attempts": attempts.split("\0") if attempts else [],
+            "best_value": best_value, "best_x": best_x.copy() if found else None,
+            "hits": hits if found else [None] * len(hits),
             "hits_charged": hits_charged if found else [None] * len(hits),
             "trace": [(int(n), int(c), value, int(r)) for n, c, value, r in self._trace[: int(points)].tolist()],
             "stopped": None,
         }  # fmt: skip
 
     def _places(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return where the best point is written, and what each target cost in evaluations and charged."""
-        dimension, hits = (int(number) for number in self.head[18:20])
+        dimension, hits = (int(number) for number in self.head[_SIZES])
         best_x, rest = self._rest[:dimension], self._rest[dimension:]
         return best_x, rest[:hits], rest[hits : 2 * hits]
 
@@ -304,7 +297,8 @@ class Runner:
                 phase = Phase(int(mirror.head[PHASE]))
                 took = perf_counter() - began, children_cpu() - cpu - float(mirror.head[CPU_BEFORE])
                 if phase >= Phase.SEARCH:  # and what the run took before the child continued it
-                    took = took[0] + float(mirror.head[13]), took[1] + float(mirror.head[14])
+                    earlier = mirror.head[_EARLIER].tolist()
+                    took = took[0] + earlier[0], took[1] + earlier[1]
                 ended = f" with {exit_of(self.child.exitcode)}" if why == _DIED else ""
                 ending = Ending("ProcessDied" if ended else "", f"{_WHERE[phase]}{why}{ended}", *took)
                 return Cut(phase, why != _DIED, ending, mirror.read() if phase >= Phase.SEARCH else None)

@@ -181,7 +181,6 @@ def joined(contents: Mapping[str, Columns], stated: Mapping[str, Any]) -> Column
 
 
 def shipped_path(name: str, machine: str) -> Path:
-    """Return the file of a simulated demonstration. Raises `DataError` for a name there is not."""
     demonstrations = _demonstrations(readers.declared_by(machine))
     if name not in demonstrations:
         raise DataError(f"{name}: {suggest(name, demonstrations)}")

@@ -60,7 +60,6 @@ class Serial:
     study: str
 
     def carry(self, packs: Packs) -> Generator[Notice, None, None]:
-        """Do all runs, one after the other."""
         journal = Journal(self.folder, self.study)
         ended: list[Notice] = []
 
@@ -118,7 +117,6 @@ class Packs:
         return len(self.waiting) + len(self.alone)
 
     def take(self) -> Pack | None:
-        """Return the next pack; None where nothing remains."""
         if self.alone:
             return Pack((self.alone.popleft(),), alone=True, how=self._how)
         most = min(_MOST, max(1, len(self.waiting) // (_SHARE * max(1, self.workers))))

@@ -21,7 +21,6 @@ from collections import Counter, deque
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from secrets import token_hex
 from time import monotonic
@@ -127,17 +126,6 @@ class _Sweep:
         self._home = pickle.dumps(home_of(job.spec for job in (*packs.alone, *packs.waiting)))
 
     def run(self) -> Iterator[Notice]:
-        # refuse a worker with another calibench, or none: asked by what every Python has
-        with suppress(OSError, TimeoutError):
-            answers = self._cluster.client.run(version, "calibench", on_error="return")
-            here = ""
-            with suppress(PackageNotFoundError):
-                here = version("calibench")
-            for worker, answer in answers.items():
-                there = "" if isinstance(answer, BaseException) else str(answer)
-                if there != here:
-                    raise self._refusal(worker, f"it has calibench {there or '(none)'}, here it is {here or '(none)'}")
-
         while len(self._packs) or any(flight.pack.jobs for flight in self._flights.values()):
             if monotonic() - self._looked > _LOOK:
                 yield from self._look()

@@ -1,7 +1,7 @@
 """A seat: the process beside a cluster's worker in which runs are executed, by a child that it forks.
 
 A Dask worker must outlive whatever a run does. So it starts a seat, a fresh process of one thread, which executes
-nothing of a user's itself. What it says begins with a letter: ``A`` it agrees to work; ``X`` why it does not; ``B`` it
+nothing of a user's itself. What it says begins with a letter: ``X`` why it does not work; ``B`` it
 can begin with a pack, and does when it hears anything; ``T`` what its child says, pickled: ``P`` how far a run is,
 JSON, and ``R`` a run has ended, pickled with its seconds; ``E`` the pack has, with [status, why] where the child was
 lost.
@@ -34,7 +34,7 @@ from calibench.bench.provenance.environment import provenance
 from calibench.bench.workers.carrier import Pack, do_pack, too_late
 from calibench.core import sources, user_file
 
-AGREED, REFUSED, READY, WENT_ON, RAN, TOLD, ENDED = b"A", b"X", b"B", b"P", b"R", b"T", b"E"
+REFUSED, READY, WENT_ON, RAN, TOLD, ENDED = b"X", b"B", b"P", b"R", b"T", b"E"
 IDLE = 10.0  # seconds without a pack after which a seat goes
 PROGRESS_EVERY = 2.0  # seconds between two words of how far a long run is
 _LOOK = 0.25  # seconds between two looks at the child
@@ -66,7 +66,6 @@ def sit(descriptor: int) -> None:
             if why:
                 worker.send_bytes(REFUSED + why.encode())
                 return
-            worker.send_bytes(AGREED)
             while worker.poll(IDLE):
                 pack = moved(pickle.loads(worker.recv_bytes()), places)
                 load_kernels((job.spec for job in pack.jobs), fork=False)  # others of this machine do so beside it
@@ -218,8 +217,6 @@ def settle(home: Home, folder: Path) -> dict[str, str]:
 
 
 def moved(pack: Pack, places: Mapping[str, str]) -> Pack:
-    """Return the pack with its user's files where they are here."""
-
     def here(name: str) -> str:
         file = str(user_file.place_of(name)) if user_file.is_file_path(name) else ""
         return f"{places[file]}:{name.rpartition(':')[2]}" if file in places else name

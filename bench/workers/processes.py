@@ -180,7 +180,6 @@ class Printed:
 
 
 def printed_files(folder: Path) -> set[Path]:
-    """Return the files of the study in `folder` in which something is printed."""
     files = set()
     for path in (folder / _FOLDER).glob("*.txt"):
         with suppress(FileNotFoundError):  # another sweep in this folder has just deleted it

@@ -99,7 +99,7 @@ def test_the_digest_of_a_search_is_of_the_code_that_makes_its_effects(monkeypatc
 
 
 def test_a_search_that_takes_long_says_on_the_terminal_that_it_goes_on(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(batch, "_SOON", 0.0)
+    monkeypatch.setattr(batch, "_SOON", 0.01)
     _, _, err = call(f"discover machine=gpm2002 data=demo_backlash results={tmp_path} pages=none", capsys)
     assert err.startswith("  searching demo_backlash, ")
 

@@ -118,10 +118,8 @@ def test_coordinates_are_told_from_what_they_are_turned_into():
     [
         ({"constraints": [lambda x: x[0]]}, "constraints are not handled"),
         ({"constraints": lambda self, x: x}, "constraints are not handled"),
-        ({"nonlinear_constraints": "x < 1"}, "constraints are not handled"),
+        ({"constraints": "x < 1"}, "constraints are not handled"),
         ({"integrality": np.array([0, 1])}, "whole numbers are not handled"),
-        ({"integers": (0,)}, "whole numbers are not handled"),
-        ({"integers": ["a"]}, "whole numbers are not handled"),
         ({"lower": 0.0, "upper": 1.0, "start": 0.5}, r"lower, upper and start have shape \(\); one axis is needed"),
         ({"n_objectives": 2}, "several objectives are not handled"),
         ({"objectives": ("cost", "mass")}, "several objectives are not handled"),
@@ -156,7 +154,7 @@ def test_what_is_said_wrongly_or_out_of_scope_is_refused_in_one_line(said, words
 @pytest.mark.parametrize(
     "said",
     [
-        {"constraints": ()}, {"constraints": None}, {"integrality": np.zeros(2)}, {"integers": False},
+        {"constraints": ()}, {"constraints": None}, {"integrality": np.zeros(2)}, {"integrality": False},
         {"n_objectives": 1}, {"objectives": ("cost",)}, {"minimum": None}, {"targets": np.array([1.0])},
     ],
 )  # fmt: skip

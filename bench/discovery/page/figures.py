@@ -50,7 +50,6 @@ _VECTOR = 800  # dots up to which a drawing keeps them as shapes
 
 
 def discovery_figures(report: Report, series: Series) -> Iterator[tuple[str, Drawing]]:
-    """Yield (name, drawing) for every figure this search can fill."""
     if report.where:
         yield "where", where_map(report.machine, report.where, report.words)
     if series.workspace is not None:
@@ -249,7 +248,6 @@ def gap_of(gap: Gap, names: tuple[str, str]) -> pd.DataFrame:
 
 
 def draw_gap(axes: Axes, table: pd.DataFrame, noise: str, floor: bool) -> None:
-    """Draw the bars of `gap_of`."""
     rows = table.iloc[::-1]
     bars = zip(rows["rms"], rows["low"], rows["high"], (_AFTER, _BEFORE)[-len(rows) :])
     for y, (rms, left, right, colour) in enumerate(bars):

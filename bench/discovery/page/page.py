@@ -70,7 +70,6 @@ class Page:
     correction: Correction | None = None
 
     def html(self) -> str:
-        """Return the page."""
         report, as_sentence = self.report, words.as_sentence
         mark, word = _MARKS[report.verdict]
         moved = any(p.before != p.after for p in report.parameters.values())

@@ -245,7 +245,6 @@ LAST = frozenset(Code) - FIRST - SIZES
 
 
 def notes_among(notes: Iterable[Note], codes: Collection[Code]) -> list[str]:
-    """Return the texts of the notes with one of these codes."""
     return [note.text for note in notes if note.code in codes]
 
 
@@ -310,7 +309,6 @@ def gap_sentence(report: Report) -> str:
 
 
 def _bare(value: float, unit: str) -> str:
-    """Return an amount without what stands in brackets behind it."""
     return amount(value, unit).partition(" (")[0]
 
 
@@ -363,7 +361,6 @@ def size_of(finding: Finding, brief: bool = False) -> str:
 
 
 def amplitude_words(size: Amplitude, brief: bool = False) -> str:
-    """Return a size with its interval (without it where `brief`); "" where it has none."""
     if not isfinite(size.value):
         return ""
     ends = None if brief or not all(isfinite(end) for end in size.ci95) else size.ci95
@@ -570,7 +567,6 @@ def in_small_units(unit: str, size: float) -> tuple[float, str]:
 
 
 def largest(errors: NDArray[np.float64]) -> float:
-    """Return the size of the largest finite error; 0 where there is none."""
     sizes = np.abs(np.asarray(errors, dtype=float))
     return float(np.max(sizes, where=np.isfinite(sizes), initial=0.0))
 
