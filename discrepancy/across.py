@@ -7,7 +7,7 @@ error that repeats over some readings may be that of any shape: only another set
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -18,6 +18,7 @@ from calibench.discrepancy.checks.validate import listen
 from calibench.discrepancy.diagnostics.score import projected_scores, score_all
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import PLACE, Fit, amplitude_interval, fit, orthonormal, project_off
+from calibench.discrepancy.model import effect as effects_of
 from calibench.discrepancy.model.effect import ChangePoint, Effect, Untestable, has_free_period, is_possible, name_of
 from calibench.discrepancy.model.machine import Machine, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
@@ -77,42 +78,18 @@ def carried(report: Report, others: Sequence[MeasuredData]) -> Report:
     return replace(report, findings=tuple(findings), across=tuple(ordered))
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _OfPeriod:
-    """A wave of free period held at the period it has where its last coefficient is `at`: an `Effect` linear in it."""
+def _at_period(of: Effect, at: float) -> effects_of.LinearEffect:
+    """Return a wave of free period at the period that it has where its last coefficient is `at`."""
 
-    of: Effect
-    at: float
-    family: str = field(init=False)
-    target: str = field(init=False)
-    formula: str = field(init=False)
-    channel: str = field(init=False)
-    columns: tuple[str, ...] = field(init=False)
-    twins: tuple[str, ...] = field(init=False)
-    coefficients: tuple[str, ...] = field(init=False)
-    units: tuple[str, ...] = field(init=False)
-    unit: str = field(init=False)
-    largest: float = field(init=False)
-    positions: int = 1
-
-    def __post_init__(self) -> None:
-        of = self.of
-        vars(self).update(
-            family=of.family, target=of.target, formula=of.formula, channel=of.channel, columns=of.columns,
-            twins=of.twins, coefficients=of.coefficients[:-1], units=of.units[:-1], unit=of.unit,
-            largest=getattr(of, "largest", np.inf),
-        )  # fmt: skip
-
-    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        return self.of.shift(q, data, np.append(c, self.at))
-
-    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        own = self.of.basis(q, data, np.append(c, self.at))
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        own = of.basis(q, data, np.append(np.zeros(len(of.coefficients) - 1), at))
         return {name: columns[:, :-1] for name, columns in own.items()}
 
-    def amplitude(self, c: Array) -> float:
-        return self.of.amplitude(np.append(c, self.at))
+    return effects_of.LinearEffect(
+        of.family, of.target, of.formula, channel=of.channel, columns=of.columns, coefficients=of.coefficients[:-1],
+        units=of.units[:-1], unit=of.unit, changes=changes, twins=of.twins,
+        measure=lambda c: of.amplitude(np.append(c, at)), largest=getattr(of, "largest", np.inf),
+    )  # fmt: skip
 
 
 @final
@@ -129,13 +106,7 @@ class _Expected:
     numbers: Array
     weights: Array
     spread: Array
-
-    def there(self, joint: Fit) -> tuple[Array, Array]:
-        """Return the coefficients of the effect in a fit of another set, (k,), and their covariance."""
-        places = np.concatenate([np.arange(len(joint.x))[joint.model.place_of(e)] for e in self.effects])
-        covariance = joint.covariance(stated=True) * _left(joint)
-        spread = self.weights @ covariance[np.ix_(places, places)] @ self.weights.T
-        return np.asarray(self.weights @ joint.x[places]), np.asarray(spread)
+    wave: bool  # of a period that was fitted
 
     def held(self) -> "_Expected":
         """Return the same at the period that it had, where that was fitted."""
@@ -144,9 +115,16 @@ class _Expected:
             return self
         k = len(self.numbers) - 1
         return replace(
-            self, effects=(_OfPeriod(effect, float(self.numbers[k])),), numbers=self.numbers[:k],
+            self, effects=(_at_period(effect, float(self.numbers[k])),), numbers=self.numbers[:k],
             weights=self.weights[:k, :k], spread=self.spread[:k, :k],
         )  # fmt: skip
+
+
+def _numbers(of: Fit, effects: Sequence[Effect], weights: Array) -> tuple[Array, Array]:
+    """Return the coefficients of `effects` in a fit, (K,), and the covariance of `weights` (k, K) times these."""
+    places = np.concatenate([np.arange(len(of.x))[of.model.place_of(effect)] for effect in effects])
+    covariance = of.covariance(stated=True) * _left(of)
+    return of.x[places], np.asarray(weights @ covariance[np.ix_(places, places)] @ weights.T)
 
 
 def _why_not(one: _Expected, base: Fit, untestable: Sequence[Untestable]) -> str:
@@ -197,7 +175,8 @@ def _refitted(expected: Sequence[_Expected], base: Fit, of_run: Sequence[Effect]
     settled = _beside(base, free, own) if any(a is not b for a, b in zip(free, held)) else joint
     if not (settled.converged and np.isfinite(settled.cost)):
         free, settled = held, joint
-    beyond = [one for one in free if not is_possible(one.effects[0], one.effects[0].amplitude(one.there(settled)[0]))]
+    sizes = [one.weights @ _numbers(settled, one.effects, one.weights)[0] for one in free]
+    beyond = [one for one, c in zip(free, sizes) if not is_possible(one.effects[0], one.effects[0].amplitude(c))]
     if beyond:  # the bounds of a search: the others are fitted without it
         names = {one.finding.effect for one in beyond}
         left = [one for one in expected if one.finding.effect not in names]
@@ -207,7 +186,6 @@ def _refitted(expected: Sequence[_Expected], base: Fit, of_run: Sequence[Effect]
 
 
 def _in_another(findings: Sequence[Finding], first: Fit, machine: Machine, other: MeasuredData) -> list[Carried]:
-    """Return what one other set says of each finding."""
     whole = in_order(machine, listen(other)[0])
     fitted = calibrated(whole, searched(whole.data, np.ones(len(whole.data), dtype=bool)))
     base, known = fitted.base, catalogue(fitted.whole)
@@ -219,12 +197,10 @@ def _in_another(findings: Sequence[Finding], first: Fit, machine: Machine, other
             rows.append(_row(finding, other.name, "not testable there", "it is of the noise, and moves no reading"))
             continue
         effects = (own, *forms_of(own, first.model.effects))
-        places = np.concatenate([np.arange(len(first.x))[first.model.place_of(e)] for e in effects])
         data, eye = first.model.formulation.data, np.eye(len(own.coefficients))
         weights = np.hstack([eye, *(form.nearest(first.at.recorded, data) for form in forms_of(own, effects))])
-        covariance = first.covariance(stated=True) * _left(first)
-        spread = weights @ covariance[np.ix_(places, places)] @ weights.T
-        one = _Expected(finding, effects, first.x[places], weights, spread)
+        numbers, spread = _numbers(first, effects, weights)
+        one = _Expected(finding, effects, numbers, weights, spread=spread, wave=has_free_period(own))
         if why := _why_not(one, base, known.untestable):
             rows.append(_row(finding, other.name, "not testable there", why))
         else:
@@ -272,18 +248,16 @@ def _left(found: Fit) -> float:
 
 
 def _compared(one: _Expected, joint: Fit, gains: tuple[float, float], case: str) -> Carried:
-    """Return the verdict on one finding by its size in another set."""
     effect, before, (gain, unseen) = one.effects[0], np.asarray(one.weights @ one.numbers), gains
-    c, spread = one.there(joint)
-    both = spread + one.spread
+    numbers, spread = _numbers(joint, one.effects, one.weights)
+    c, both = one.weights @ numbers, spread + one.spread
     apart = _standard_errors(c - before, both)
     agrees = _standard_errors(c - before, both + _FORMULA**2 * np.outer(before, before)) <= _APART
     verdict: CarriedVerdict
-    wave = has_free_period(effect) or isinstance(effect, _OfPeriod)
     if gain > 0 and unseen > 0 and agrees:
         verdict, why = "carries", ""
     elif gain > 0:
-        other = f"another {'wave' if wave else 'size'} is there" if unseen > 0 else ""
+        other = f"another {'wave' if one.wave else 'size'} is there" if unseen > 0 else ""
         verdict, why = "does not carry", other or "with it poses left out of the fit are no nearer"
     elif agrees:  # neither the size nor nothing can be ruled out
         would = _standard_errors(before, spread)

@@ -19,7 +19,7 @@ from calibench.discrepancy.model.effect import Untestable
 from calibench.discrepancy.model.formulations import BLOCK
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured import TO_PREDICT, DataError, MeasuredData
-from calibench.discrepancy.model.model import Model, signature
+from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import inputs_of
 from calibench.discrepancy.registries import machines
 from calibench.problems.base import Array
@@ -503,12 +503,8 @@ def predicted_at(
         at = Model(there.on(there.data.with_columns(found)), model.effects)
         if all(np.max(np.abs(change[n])) <= _SETTLED * (1 + np.max(np.abs(found[n]))) for n in found):
             break
-    # the derivative of the constraints in x, (n, c, p)
     recorded, true = at.quantities(x)
-    each = at.formulation.slopes(true)
-    columns = [np.stack([each[p.name] for p in at.formulation.parameters], axis=-1)]
-    columns += [signature(effect, c, recorded, each, at.formulation) for effect, c in at.coefficients(x)]
-    slopes = np.concatenate(columns, axis=2)
+    slopes = at.raw_jacobian(x, recorded, at.formulation.slopes(true))
     spread = np.sqrt(np.maximum(np.einsum("ncp,pq,ncq->nc", slopes, covariance, slopes), 0.0))
     read = {name: np.abs(sign).sum(axis=1) > 0 for name, sign in signs.items()}
     left = np.zeros_like(spread)

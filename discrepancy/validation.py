@@ -107,6 +107,8 @@ def _crossed(
         law = _law(final, apart, suspects if final.model.effects else ())
         for at, found in ((base, unseen), (final, left)):
             there = fit(Model(rest, at.model.effects), noise, at.x)
+            if not np.isfinite(there.J).all():  # without these poses the calibration runs away
+                return untold, None
             found.append(predicted(there.model, there.x, apart.data, law))
             if at is final:
                 learned.append((there, apart, law))

@@ -52,7 +52,6 @@ class NextPoses:
 
     @property
     def helps(self) -> bool:
-        """Return whether the readings separate the rivals any further."""
         return bool(self.separation[-1] > self.separation[0] + _HELPS)
 
     def to_dict(self) -> dict[str, Any]:

@@ -108,16 +108,7 @@ class Alternative:
     largest: float = math.inf
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class HeldBack:
-    """The result of a family for a target that is not searched for alone: the reason, and its alternatives."""
-
-    reason: str
-    alternatives: tuple[Alternative, ...]
-
-
-Built = Effect | tuple[Effect, ...] | HeldBack  # what a family makes for a target: one candidate, several forms, none
+Built = Effect | tuple[Effect, ...]  # what a family makes for a target: one candidate, several forms, or none
 
 
 @final
@@ -156,15 +147,16 @@ class Catalogue:
 
 
 class NotTestable(Exception):
-    """Raised where these data cannot test one target of a family.
+    """Raised where these data cannot test one target of a family, or it is not searched for alone.
 
     `columns` are those in the message; `missing`: the data do not have them.
     """
 
-    def __init__(self, why: str, columns: tuple[str, ...] = (), missing: bool = False) -> None:
+    def __init__(
+        self, why: str, columns: tuple[str, ...] = (), missing: bool = False, alternatives: tuple[Alternative, ...] = ()
+    ) -> None:
         super().__init__(why)
-        self.columns = columns
-        self.missing = missing
+        self.columns, self.missing, self.alternatives = columns, missing, alternatives
 
 
 def name_of(effect: Effect) -> str:
@@ -218,8 +210,8 @@ def is_possible(effect: Effect, size: float) -> bool:
 class EffectFamily:
     """A cause of error, with what the page of the catalogue says of it.
 
-    `build` returns the candidate for one target or several forms of it, or `HeldBack`; for what cannot be tested it
-    raises `NotTestable` (see `needs`). `columns` may hold `{i}` for the number of the target, and `metadata.NAME`.
+    `build` returns the candidate for one target or several forms of it, or raises `NotTestable` (see `needs`).
+    `columns` may hold `{i}` for the number of the target, and `metadata.NAME`.
     `twins` is a sentence for readers; those of a candidate are names. `label` and `label_of_all` are the words for it,
     on a target and on `all`; `code` is what a label that explains itself comes down to where it was told before.
     `parted_by` says what parts its declared twins, `resolved_by` what would tell families with the same sentence apart
@@ -260,10 +252,7 @@ class EffectFamily:
                 built = self.build(formulation, target)
             except NotTestable as why:
                 lacking = Untestable(self.name, target, str(why), why.columns, why.missing)
-                found += Catalogue(untestable=(lacking,))
-                continue
-            if isinstance(built, HeldBack):
-                found += Catalogue((), built.alternatives, (Untestable(self.name, target, built.reason),))
+                found += Catalogue((), why.alternatives, (lacking,))
             else:
                 found += Catalogue(built if isinstance(built, tuple) else (built,))
         return found
@@ -286,24 +275,25 @@ class EffectFamily:
         )  # fmt: skip
 
     def steps(
-        self, target: str, clock: str, t: Array, quantities: Mapping[str, str], unit: str, **more: Any
-    ) -> tuple[ChangePoint, ...]:
+        self, target: str, clock: str, t: Array, changes: Mapping[str, tuple[str, str, float]],
+        largest: float = math.inf,
+    ) -> tuple[ChangePoint, ...]:  # fmt: skip
         """Return the step of this family on `target` at each time of `t`, (n,) of the column `clock`, that is tried.
 
-        `quantities` are name -> coefficient; `more` are fields of `ChangePoint`.
+        `changes` are quantity -> coefficient, its unit, and one of it in the unit of the quantity.
         """
         times = change_times(t)
+        coefficients, units, ones = zip(*changes.values())
         return tuple(
             ChangePoint(
-                self.name, target, self.formula, channel=self.channel, quantities=tuple(quantities),
-                coefficients=tuple(quantities.values()), unit=unit, at=float(at), positions=len(times),
-                columns=(clock,), clock=clock, **more,
+                self.name, target, self.formula, channel=self.channel, quantities=tuple(changes),
+                coefficients=coefficients, units=units, ones=ones, at=float(at), positions=len(times), clock=clock,
+                largest=largest,
             )
             for at in times
         )  # fmt: skip
 
     def enter(self) -> EffectFamily:
-        """Put the family into the registry, under `machine/name`, and return it."""
         if self.machine != GENERAL:
             load_shipped()  # first, so that theirs stand first
         effects.register(f"{self.machine}/{self.name}")(lambda: self)
@@ -397,9 +387,8 @@ IN_ROWS = "row"  # the clock where none was read; it counts from 0
 class ChangePoint:
     """An `Effect`: each of `quantities` is larger by its coefficient from time `at` [s] of the column `clock` on.
 
-    `one` is a coefficient of 1 in the unit of the quantities. For quantities of several kinds, `kinds` are the unit of
-    each coefficient and the value of 1 of it; then `unit` is that of the first kind, and the amplitude is of that kind
-    alone.
+    `ones` are a coefficient of 1 in the unit of each quantity. The amplitude is of the coefficients in the unit of the
+    first alone.
     """
 
     family: str
@@ -408,28 +397,21 @@ class ChangePoint:
     channel: str
     quantities: tuple[str, ...]
     coefficients: tuple[str, ...]
-    unit: str
+    units: tuple[str, ...]
+    ones: tuple[float, ...]
     at: float
     positions: int
-    columns: tuple[str, ...] = ("t_s",)
-    twins: tuple[str, ...] = ()
+    clock: str
     largest: float = math.inf
-    clock: str = "t_s"
-    one: float = 1.0
-    kinds: tuple[tuple[str, float], ...] = ()
-    units: tuple[str, ...] = field(init=False)
-    ones: Array = field(init=False)  # what a coefficient of 1 is, in the unit of its quantity, (k,)
+    twins: tuple[str, ...] = ()
+    unit: str = field(init=False)
+    columns: tuple[str, ...] = field(init=False)
     begins: float = field(init=False)
     begins_unit: str = field(init=False)  # `IN_ROWS` for the order of the rows, "" for a clock that may run in any
 
     def __post_init__(self) -> None:
-        count = len(self.coefficients)
-        vars(self).update(
-            units=tuple(unit for unit, _ in self.kinds) or (self.unit,) * count,
-            ones=np.array([one for _, one in self.kinds] or [self.one] * count),
-            begins=self.at,
-            begins_unit={"t_s": "s", IN_ROWS: IN_ROWS}.get(self.clock, ""),
-        )
+        unit = {"t_s": "s", IN_ROWS: IN_ROWS}.get(self.clock, "")
+        vars(self).update(unit=self.units[0], columns=(self.clock,), begins=self.at, begins_unit=unit)
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         after = data[self.clock] >= self.at

@@ -29,7 +29,7 @@ Each block has rows and constraints of its own; a parameter of one name is one p
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from pathlib import Path
@@ -142,6 +142,17 @@ def varying(data: MeasuredData) -> dict[str, Array]:
         for name, column in data.columns.items()
         if name not in BOOKKEEPING and column.dtype.kind in "if" and np.ptp(column) > 0
     }
+
+
+def along_clock(data: MeasuredData, names: Iterable[str], clock: str) -> dict[str, Array]:
+    """Return the derivative in time of each column, (n,), as `RATE`; nothing of fewer than three times."""
+    t, at = np.unique(np.asarray(data[clock], dtype=float), return_inverse=True)
+    return {f"{RATE}{name}": np.gradient(means_at(data[name], at), t)[at] for name in names if len(t) >= 3}
+
+
+def means_at(column: Array, at: NDArray[np.intp]) -> Array:
+    """Return the mean of a column, (n,), in each of the groups that `at` numbers, (n,)."""
+    return np.asarray(np.bincount(at, np.asarray(column, dtype=float)) / np.bincount(at))
 
 
 def numbers_of(data: MeasuredData) -> tuple[str, ...]:
@@ -336,15 +347,12 @@ class Predicted:
             own = np.asarray(given.one(name) if isinstance(given, Slopes) else given[name])  # kept once, with its sign
             own = own[:, None] if own.ndim == 1 else own
             return np.asarray(-(own if own.shape == (n, m) else np.broadcast_to(own, (n, m))))
-        return np.asarray(np.imag(self.constraints({**q, name: np.asarray(q[name]) + 1j * _TINY})) / _TINY)
+        return complex_step_slopes(self, q)[name]
 
     def _sigma(self, name: str, stated: Stated) -> Array | float:
         if stated is None:
             return self.learned.get(name, 1.0)
         return np.asarray(self.data[stated], dtype=float) if isinstance(stated, str) else float(stated)
-
-
-_TINY = 1e-30  # of a complex step: exact to rounding
 
 
 BLOCK = "block"  # the column that says to which block a row belongs
@@ -400,8 +408,8 @@ class Blocks:
                     both = f"{other[0]} in one and {role[0]} in another"
                     how = both if other[0] != role[0] else f"{role[0]} differently"
                     raise DataError(f"Blocks: {name} is {how}; state it alike in all blocks")
-        self._set(_stacked(parts), parts)
-        self._set(self.data, tuple(part.on(self.data.rows(rows)) for part, rows in self._rows(parts)))
+        data = _stacked(parts)
+        self._set(data, [part.on(data.rows(data[BLOCK] == k)) for k, part in enumerate(parts)])
 
     @property
     def sigma(self) -> Mapping[str, Array | float]:
@@ -453,27 +461,28 @@ class Blocks:
         return found
 
     def on(self, data: MeasuredData) -> Blocks:
-        same = object.__new__(Blocks)
-        same._set(data, self.blocks)
-        same._set(data, tuple(block.on(data.rows(rows)) for block, rows in same._rows(self.blocks)))
-        return same
+        return self._with(data, [block.on(data.rows(data[BLOCK] == k)) for k, block in enumerate(self.blocks)])
 
     def relearned(self, left: Array, spent: float) -> Blocks:
         """Return the same with its unknown noise estimated from the constraints `left`, (n, c), by a fit."""
         blocks = []
-        for block, rows in self._rows(self.blocks):
+        for k, block in enumerate(self.blocks):
+            rows = self.data[BLOCK] == k
             learns = unknown_noise_of(block) and rows.any()
             blocks.append(relearned(block, left[rows], spent * float(rows.mean())) if learns else block)
+        return self._with(self.data, blocks)
+
+    def _with(self, data: MeasuredData, blocks: Sequence[Formulation]) -> Blocks:
         same = object.__new__(Blocks)
-        same._set(self.data, tuple(blocks))
+        same._set(data, blocks)
         return same
 
-    def _set(self, data: MeasuredData, blocks: tuple[Formulation, ...]) -> None:
+    def _set(self, data: MeasuredData, blocks: Sequence[Formulation]) -> None:
         readings = tuple(dict.fromkeys(name for block in blocks for name in block.readings))
         sensors = {sensor.column: sensor for block in reversed(blocks) for sensor in block.sensors}
         units = {block.unit for block in blocks}
         vars(self).update(
-            data=data, blocks=blocks,
+            data=data, blocks=tuple(blocks),
             parameters=tuple({p.name: p for block in blocks for p in block.parameters}.values()),
             fixed={name: value for block in blocks for name, value in block.fixed.items()}, readings=readings,
             inputs=tuple(dict.fromkeys(name for block in blocks for name in inputs_of(block))),
@@ -482,11 +491,9 @@ class Blocks:
             sensors=tuple(sensors[name] for name in readings), unit=units.pop() if len(units) == 1 else "",
         )  # fmt: skip
 
-    def _rows(self, blocks: Sequence[Formulation]) -> list[tuple[Formulation, Mask]]:
-        return [(block, np.asarray(self.data[BLOCK] == k)) for k, block in enumerate(blocks)]
-
     def _filled(self) -> list[tuple[Formulation, Mask]]:
-        return [(block, rows) for block, rows in self._rows(self.blocks) if rows.any()]
+        each = ((block, np.asarray(self.data[BLOCK] == k)) for k, block in enumerate(self.blocks))
+        return [(block, rows) for block, rows in each if rows.any()]
 
     def _width(self) -> int:
         block = self.blocks[0]

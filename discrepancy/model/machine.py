@@ -23,6 +23,7 @@ from calibench.problems.base import Array, Parameter
 Numbers = NDArray[Any]  # of floats, or of complex numbers where a test takes a complex step
 Quantities = Mapping[str, Numbers]  # name -> (n,), or () where it is the same for every reading
 
+TINY = 1e-30  # of a complex step: exact to rounding
 WORKSPACE = "workspace"  # the target whose covariates are where the tool stands, x and y [mm]
 
 
@@ -51,9 +52,7 @@ class Formulation(Protocol):
     @property
     def sigma(self) -> Mapping[str, Array | float]: ...
     @property
-    def unit(self) -> str:
-        """Return the unit of the constraints."""
-        ...
+    def unit(self) -> str: ...
 
     def constraints(self, q: Quantities) -> Numbers:
         """Return the constraints, shape (n, c), at the quantities `q`: zero on a perfect machine without noise."""
@@ -125,13 +124,16 @@ class Slopes(Mapping[str, Array]):
         return len(self.names)
 
 
-def complex_step_slopes(formulation: Formulation, q: Quantities) -> dict[str, Array]:
+def complex_step_slopes(formulation: Formulation, q: Quantities) -> Slopes:
     """Return the slopes by complex step, exact to rounding: for a machine whose author wrote none, and for tests.
 
     The constraints must be analytic: no `abs`, no `np.linalg.norm`, no comparison of quantities.
     """
-    step = 1e-30
-    return {name: np.imag(formulation.constraints({**q, name: value + 1j * step})) / step for name, value in q.items()}
+
+    def one(name: str) -> Array:
+        return np.imag(formulation.constraints({**q, name: np.asarray(q[name]) + 1j * TINY})) / TINY
+
+    return Slopes(tuple(q), one)
 
 
 @final

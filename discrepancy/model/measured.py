@@ -96,7 +96,6 @@ class MeasuredData:
         return np.asarray(self["split"]) != "hold" if "split" in self else np.ones(len(self), dtype=bool)
 
     def has(self, *columns: str) -> bool:
-        """Return whether all `columns` are there."""
         return all(column in self.columns for column in columns)
 
     def rows(self, mask: Column) -> MeasuredData:

@@ -7,7 +7,7 @@ a column where an effect is missing; when effects are found, it is learned again
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -37,7 +37,6 @@ class Model:
 
     @property
     def size(self) -> int:
-        """Return the length of x: free parameters and coefficients."""
         return len(self.formulation.parameters) + sum(len(e.coefficients) for e in self.effects)
 
     @property
@@ -75,26 +74,30 @@ class Model:
 
     def jacobian_of(self, x: Array, recorded: Quantities, slopes: Mapping[str, Array]) -> Array:
         """Return the derivative in x of what has these `slopes` at the quantities that are `recorded`."""
+        return self.formulation.decorrelate(self.raw_jacobian(x, recorded, slopes))
+
+    def raw_jacobian(self, x: Array, recorded: Quantities, slopes: Mapping[str, Array]) -> Array:
+        """Return the same of the constraints as they are, with the noise that rows share."""
         own = np.stack([slopes[p.name] for p in self.formulation.parameters])  # column by column: rows may be many
-        columns = [self.formulation.decorrelate(own.transpose(1, 2, 0))]
-        columns += [signature(effect, c, recorded, slopes, self.formulation) for effect, c in self.coefficients(x)]
-        return np.concatenate(columns, axis=2)
+        data, effects = self.formulation.data, self.coefficients(x)
+        more = [_left_by(effect.basis(recorded, data, c), slopes) for effect, c in effects]
+        return np.concatenate([own.transpose(1, 2, 0), *more], axis=2)
 
     def coefficients(self, x: Array) -> list[tuple[Effect, Array]]:
-        at, pairs = len(self.formulation.parameters), []
-        for effect in self.effects:
-            pairs.append((effect, x[at : at + len(effect.coefficients)]))
-            at += len(effect.coefficients)
-        return pairs
+        return [(effect, x[place]) for effect, place in self._places()]
 
     def place_of(self, effect: Effect) -> slice:
         """Return where the coefficients of an effect of that name stand in x; `LookupError` where there is none."""
-        at = len(self.formulation.parameters)
-        for one in self.effects:
+        for one, place in self._places():
             if name_of(one) == name_of(effect):
-                return slice(at, at + len(one.coefficients))
-            at += len(one.coefficients)
+                return place
         raise LookupError(name_of(effect))
+
+    def _places(self) -> Iterator[tuple[Effect, slice]]:
+        at = len(self.formulation.parameters)
+        for effect in self.effects:
+            yield effect, slice(at, at + len(effect.coefficients))
+            at += len(effect.coefficients)
 
 
 def signature(effect: Effect, c: Array, q: Quantities, slopes: Mapping[str, Array], formulation: Formulation) -> Array:
@@ -104,8 +107,12 @@ def signature(effect: Effect, c: Array, q: Quantities, slopes: Mapping[str, Arra
 
 def signature_of(changes: Mapping[str, Array], slopes: Mapping[str, Array], formulation: Formulation) -> Array:
     """Return what m changes of quantities, name -> (n, m), leave in the residuals, shape (n, c, m)."""
+    return formulation.decorrelate(_left_by(changes, slopes))
+
+
+def _left_by(changes: Mapping[str, Array], slopes: Mapping[str, Array]) -> Array:
     terms = [slopes[name][:, :, None] * change[:, None, :] for name, change in changes.items()]
-    return formulation.decorrelate(np.asarray(sum(terms[1:], terms[0])))
+    return np.asarray(sum(terms[1:], terms[0]))
 
 
 _ROUNDS = 6  # of fitting and estimating, after which neither moves by what counts

@@ -6,7 +6,7 @@ distance has a weight of .4, so all residuals have the noise of a height. Distan
 spokes: from its middle to its corners, and its sides. Lengths are shares of the bed's radius.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, lru_cache, partial
 from math import cos, pi, sin
@@ -82,14 +82,20 @@ def places(name: str, bed_radius: float) -> Places:
     """
     if name not in get_args(PlanName):
         raise ValueError(f"delta9.plan={name}: {suggest(name, get_args(PlanName))}")
+    return ring_places(_RINGS[name], _SIDES[name], bed_radius, _TOP)
 
-    rings = [(share * bed_radius, k / n) for n, share in _RINGS[name] for k in range(n)]
-    heights = [(0.0, 0.0, 0.0), *((out * cos(2 * pi * turn), out * sin(2 * pi * turn), 0.0) for out, turn in rings)]
+
+def ring_places(
+    rings: Sequence[tuple[int, float]], sides: Sequence[float], bed_radius: float, top: float = 0.0
+) -> Places:
+    """Return the bed's middle and `rings` of places, and hexagons with spokes of these `sides` at the height `top`."""
+    around = [(share * bed_radius, k / n) for n, share in rings for k in range(n)]
+    heights = [(0.0, 0.0, 0.0), *((out * cos(2 * pi * turn), out * sin(2 * pi * turn), 0.0) for out, turn in around)]
     pairs: list[tuple[tuple[float, ...], tuple[float, ...]]] = []
-    for share in _SIDES[name]:
+    for share in sides:
         out = share * bed_radius
-        corners = [(out * cos(2 * pi * (k / 6)), out * sin(2 * pi * (k / 6)), _TOP) for k in range(6)]
-        pairs += [((0.0, 0.0, _TOP), corner) for corner in corners]
+        corners = [(out * cos(2 * pi * (k / 6)), out * sin(2 * pi * (k / 6)), top) for k in range(6)]
+        pairs += [((0.0, 0.0, top), corner) for corner in corners]
         pairs += [(corners[k], corners[(k + 1) % 6]) for k in range(6)]
     first = np.array([*heights, *(a for a, _ in pairs)])
     second = np.array([*heights, *(b for _, b in pairs)])

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.blind.orthoglide import case
 from calibench.discrepancy import MeasuredData, machines
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.model.effect import Alternative, EffectFamily, HeldBack, NotTestable, Untestable, name_of
+from calibench.discrepancy.model.effect import Alternative, EffectFamily, NotTestable, Untestable, name_of
 from calibench.discrepancy.search.finding import _held
 from tests.discrepancy.orthoglide_score import explained
 from tests.few import few
@@ -65,7 +65,7 @@ def test_what_a_family_leaves_beside_is_kept_with_its_reason() -> None:
 
     def build(formulation, target):
         if target == "leg x":
-            return HeldBack("why", (Alternative(one, 2.0),))
+            raise NotTestable("why", alternatives=(Alternative(one, 2.0),))
         if target == "leg z":
             raise NotTestable("needs column wind", ("wind",), missing=True)
         return (other,)

@@ -90,15 +90,8 @@ def test_a_machine_that_ships_declares_a_unit_or_words_for_every_parameter(name:
         assert (known.unit, bool(known.label)) == (parameter.unit, True)
 
 
-def test_the_places_and_names_that_scripts_import_from_still_work() -> None:
-    from calibench.discrepancy.constraints import Constraints
-    from calibench.discrepancy.effect import Effect
-    from calibench.discrepancy.family import Cause, needs, number
-    from calibench.discrepancy.linear import Linear
-
-    assert (Cause, Linear) == (discrepancy.EffectFamily, discrepancy.LinearEffect)
-    assert (Constraints, Effect) == (discrepancy.Constraints, discrepancy.Effect)
-    assert (needs, number) == (discrepancy.needs, discrepancy.number)
+def test_the_former_names_that_scripts_import_still_work() -> None:
+    assert (discrepancy.Cause, discrepancy.Linear) == (discrepancy.EffectFamily, discrepancy.LinearEffect)
 
 
 GENERIC = [

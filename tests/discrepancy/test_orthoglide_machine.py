@@ -7,9 +7,9 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from calibench import problems
+from calibench import discrepancy, problems
 from calibench.discrepancy import DataError, MeasuredData, Model, machines
-from calibench.discrepancy.machines.orthoglide.formulation import Orthoglide
+from calibench.discrepancy.machines.orthoglide.formulation import Orthoglide, planned
 from calibench.discrepancy.machines.orthoglide.kinematics import printed
 from calibench.discrepancy.model.machine import complex_step_slopes
 from calibench.problems.orthoglide.plans import SetName, covariance, paper_plan
@@ -131,3 +131,12 @@ def test_rows_marked_not_valid_in_words_are_left_out_and_splits_are_checked() ->
     assert len(machines.make("orthoglide").formulate(marked).data) == len(data) - 1
     with pytest.raises(DataError, match="split holds 'validate'"):
         machines.make("orthoglide").formulate(data.with_columns({"split": np.full(len(data), "validate")}))
+
+
+def test_a_calibration_that_runs_away_without_some_poses_tells_no_gap_on_unseen_ones() -> None:
+    data = planned("both_ways")
+    off = np.where(data["leg"] == "x", 0.04 * np.sign(data["level_mm"]), 0.0)
+    noise = np.random.default_rng(1).normal(0.0, 0.01, len(data))
+    report = discrepancy.explain("orthoglide", data.with_columns({"deviation": data["deviation"] + noise + off}))
+    assert report.gap.train_after < report.gap.train_before
+    assert np.isnan(report.gap.held_out_before)

@@ -11,6 +11,9 @@ from calibench import discrepancy
 from calibench.bench.measured import read_measured, shipped_path
 from calibench.bench.measured.sources import sources
 from calibench.discrepancy import DataError, Instrument, Joint, Length, MeasuredData, Predicted, Roles
+from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.machines.orthoglide.formulation import planned
+from calibench.discrepancy.report import predicted_at
 from calibench.problems.base import Parameter
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
@@ -27,6 +30,24 @@ NOISE = 0.01  # mm
 def tip(q):
     at = q["angle"] + q["zero"]
     return np.stack([q["length"] * np.cos(at), q["length"] * np.sin(at)], axis=-1)
+
+
+def test_the_uncertainty_of_an_effect_is_its_own_where_rows_share_noise():
+    data = planned("rich").rows(slice(0, 40))
+    formulation = discrepancy.machines.make("orthoglide").formulate(data)
+    effect = next(e for e in catalogue(formulation).candidates if e.family == "bar_skew" and len(e.coefficients) == 1)
+    model = discrepancy.Model(formulation, (effect,))
+    sd_of_effect = np.diag([*[0.0] * (model.size - 1), 0.1**2])
+    x = model.start
+
+    def deviation(x):
+        return predicted_at(model, x, sd_of_effect, x[:-1], data, None).measured["deviation"]
+
+    step = np.eye(model.size)[-1] * 1e-4
+    slope = (deviation(x + step) - deviation(x - step)) / 2e-4
+    told = predicted_at(model, x, sd_of_effect, x[:-1], data, None).sd["deviation"]
+    assert np.ptp(slope) > 0
+    np.testing.assert_allclose(told, 0.1 * np.abs(slope), rtol=1e-6, atol=1e-9)
 
 
 class Pendulum:

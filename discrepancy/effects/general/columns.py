@@ -10,13 +10,13 @@ frame moves evenly or once; one of two or three coordinates may turn as it moves
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import product
 from typing import final
 
 import numpy as np
 
-from calibench.discrepancy.effects.general import recipe as recipes
 from calibench.discrepancy.effects.general.joints import largest_error, told_in
-from calibench.discrepancy.effects.general.recipe import Built, Make, clock_of, named, recipe, unit_of
+from calibench.discrepancy.effects.general.recipe import Built, clock_of, named, of_columns, of_joints, unit_of
 from calibench.discrepancy.model.effect import Effect, EffectFamily, LinearEffect, NotTestable, needs, size
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
@@ -98,10 +98,10 @@ class Cycle:
 
 
 def _cycles(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    parts = _parts(formulation)
-    ordinal, measured, column = parts[target]
+    known = _targets(formulation, ORDINALS, timed=True)
+    ordinal, measured, column = known[target]
     needs(formulation.data, column)
-    names, stated = [*parts], formulation.data.units.get(column, "")
+    names, stated = [*known], formulation.data.units.get(column, "")
     return scanned(
         family, formulation.data, target, (column, measured), ("prediction", unit_of(formulation, measured)),
         factor=-1.0, after=f"{family.name} {names[names.index(target) - 1]}" if ordinal else "",
@@ -141,7 +141,7 @@ def scanned(
 
 
 def _polynomial(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    _, measured, column = _parts(formulation)[target]
+    _, measured, column = _targets(formulation, timed=True)[target]
     needs(formulation.data, column)
     u = np.asarray(formulation.data[column], dtype=float)
     middle, half, unit = float((u.max() + u.min()) / 2), float(np.ptp(u) / 2), unit_of(formulation, measured)
@@ -160,13 +160,15 @@ def _polynomial(family: EffectFamily, formulation: Formulation, target: str) -> 
     return tuple(family.linear(target, (column,), each, partial(changes, len(each)), measure=measure) for each in units)
 
 
-def _parts(formulation: Formulation) -> Mapping[str, tuple[int, str, str]]:
-    """Return target -> (number of the wave, measured column, the column it follows), the waves in their order."""
-    measured = measured_columns(formulation)
-    pairs = [(column, one) for column in roles_of(formulation).columns for one in measured]
+def _targets(
+    formulation: Formulation, before: tuple[str, ...] = ("",), after: tuple[str, ...] = ("",), timed: bool = False
+) -> Mapping[str, tuple[int, str, str]]:
+    """Return target -> (which of the words beside the column, measured column, the column it follows)."""
+    measured, roles = measured_columns(formulation), roles_of(formulation)
     return {
-        f"{words}{column}" + f" in {one}" * (len(measured) != 1): (k, one, column)
-        for column, one in pairs for k, words in enumerate(ORDINALS)
+        f"{one}{column}{other}" + f" in {name}" * (len(measured) > 1): (k, name, column)
+        for column in roles.columns if timed or column != roles.time
+        for name in measured for k, (one, other) in enumerate(product(before, after))
     }  # fmt: skip
 
 
@@ -178,36 +180,22 @@ def measured_columns(formulation: Formulation) -> tuple[str, ...]:
     return columns or tuple(name for name in formulation.readings if name not in joints)
 
 
-polynomial = recipe(
-    "polynomial", "What is measured follows a further column",
-    "measured -= a line, a parabola, a cubic in the column", channel="prediction", columns=("the column",),
-    unit="that of the measurement", targets="each further column", make=_polynomial,
-    targets_in=lambda formulation: tuple(target for target, (k, _, _) in _parts(formulation).items() if not k),
-    label="trend",
+polynomial = of_columns(
+    "polynomial", "What is measured follows a further column", "measured -= a line, a parabola, a cubic in the column",
+    make=_polynomial, targets_in=lambda formulation: tuple(_targets(formulation, timed=True)), label="trend",
 )  # fmt: skip
-cycle = recipe(
+cycle = of_columns(
     "cycle", "What is measured repeats with a period of a further column that nobody knows",
-    "measured -= a cos(2 pi u / P) + b sin(2 pi u / P), u the column, P fitted", channel="prediction",
-    columns=("the column",), unit="that of the measurement", targets="each further column, up to four cycles each",
-    targets_in=lambda f: tuple(_parts(f)), make=_cycles,
+    "measured -= a cos(2 pi u / P) + b sin(2 pi u / P), u the column, P fitted", make=_cycles,
+    targets="each further column, up to four cycles each",
+    targets_in=lambda formulation: tuple(_targets(formulation, ORDINALS, timed=True)),
 )  # fmt: skip
 
 
 Shape = Callable[[Array], Array]  # of u / max|u|
-_SQUARED = " squared"
 _CENTRES = 10  # penalty of a free centre, as if so many were tried: a line alone is no parabola
-_POWERS: dict[str, Shape] = {"": lambda s: s, _SQUARED: lambda s: s**2, " cubed": lambda s: s**3}
+_POWERS = ("", " squared", " cubed")
 _LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9)  # of the readings that lie within the level from which a column saturates
-
-
-def _targets(words: tuple[str, ...], formulation: Formulation) -> Mapping[str, tuple[str, str, str]]:
-    """Return target -> (words behind the column, measured column, the column it follows)."""
-    measured, roles = measured_columns(formulation), roles_of(formulation)
-    pairs = [(column, one) for column in roles.columns if column != roles.time for one in measured]
-    return {
-        f"{column}{word}" + f" in {one}" * (len(measured) > 1): (word, one, column)
-        for column, one in pairs for word in words
-    }  # fmt: skip
 
 
 def _shaped(
@@ -228,11 +216,11 @@ def _shaped(
 
 
 def _power(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    word, measured, column = _targets((*_POWERS,), formulation)[target]
+    k, measured, column = _targets(formulation, after=_POWERS)[target]
     needs(formulation.data, column)
-    _varied(formulation.data, column, [*_POWERS].index(word) + 2)
-    plain = _shaped(family, formulation, target, measured, column, {np.nan: _POWERS[word]})
-    if word != _SQUARED:
+    _varied(formulation.data, column, k + 2)
+    plain = _shaped(family, formulation, target, measured, column, {np.nan: lambda s: s ** (k + 1)})
+    if k != 1:
         return plain
     # the square about an unknown centre: with a line beside it; the square's own coefficient is reported
     largest, unit = float(np.max(np.abs(formulation.data[column]))), unit_of(formulation, measured)
@@ -247,7 +235,7 @@ def _power(family: EffectFamily, formulation: Formulation, target: str) -> Built
 
 
 def _of_sign(shape: Shape, family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    _, measured, column = _targets(("",), formulation)[target]
+    _, measured, column = _targets(formulation)[target]
     needs(formulation.data, column)
     if not np.min(formulation.data[column]) < 0 < np.max(formulation.data[column]):
         raise NotTestable(f"column {column} never changes its sign", (column,))
@@ -256,7 +244,7 @@ def _of_sign(shape: Shape, family: EffectFamily, formulation: Formulation, targe
 
 
 def _saturation(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    _, measured, column = _targets(("",), formulation)[target]
+    _, measured, column = _targets(formulation)[target]
     needs(formulation.data, column)
     _varied(formulation.data, column, 3)
     u = np.asarray(formulation.data[column], dtype=float)
@@ -279,32 +267,23 @@ def _varied(data: MeasuredData, column: str, values: int) -> None:
         raise NotTestable(f"column {column} has {there} values: a simpler term of it is the same", (column,))
 
 
-def _recipe(
-    name: str, cause: str, formula: str, label: str, words: tuple[str, ...], make: Make
-) -> recipes.Recipe:  # fmt: skip
-    return recipe(
-        name, cause, formula, channel="prediction", columns=("the column",), unit="that of the measurement",
-        targets="each further column", targets_in=lambda formulation: (*_targets(words, formulation),),
-        make=make, label=label,
-    )  # fmt: skip
-
-
-power = _recipe(
+power = of_columns(
     "power", "What is measured has a term in a column, its square, or its cube",
-    "measured -= c s^k, k 1 to 3, or c s^2 + line s, a square about s = -line / (2 c); s = u / max|u|",
-    "term", (*_POWERS,), _power,
+    "measured -= c s^k, k 1 to 3, or c s^2 + line s, a square about s = -line / (2 c); s = u / max|u|", make=_power,
+    targets_in=lambda formulation: tuple(_targets(formulation, after=_POWERS)), label="term",
 )  # fmt: skip
-magnitude = _recipe(
+_of_shape = partial(of_columns, targets_in=lambda formulation: tuple(_targets(formulation)))
+magnitude = _of_shape(
     "magnitude", "What is measured follows the size of a column, whatever its sign", "measured -= c |u| / max|u|",
-    "size", ("",), partial(_of_sign, np.abs),
+    make=partial(_of_sign, np.abs), label="size",
 )  # fmt: skip
-sign = _recipe(
+sign = _of_shape(
     "sign", "What is measured jumps where a column changes its sign", "measured -= c sign(u)",
-    "jump with the sign", ("",), partial(_of_sign, np.sign),
+    make=partial(_of_sign, np.sign), label="jump with the sign",
 )  # fmt: skip
-saturation = _recipe(
+saturation = _of_shape(
     "saturation", "What is measured answers otherwise where a column is large",
-    "measured -= c sign(u) (|u| - s) / max|u| where |u| > s", "saturation", ("",), _saturation,
+    "measured -= c sign(u) (|u| - s) / max|u| where |u| > s", make=_saturation, label="saturation",
 )  # fmt: skip
 
 
@@ -385,38 +364,35 @@ def _slip(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     [joint] = named(roles_of(formulation).joints, target)
     (unit, one), clock = told_in(joint), clock_of(formulation)
     t, most = formulation.data[clock], largest_error(joint) / one
-    return family.steps(target, clock, t, {joint.reading: "step"}, unit, largest=most, one=one)
+    return family.steps(target, clock, t, {joint.reading: ("step", unit, one)}, most)
 
 
 def _frame_shift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     [instrument] = named(roles_of(formulation).instruments, target)
-    names, clock = {name: f"d{name}" for name in instrument.columns}, clock_of(formulation)
-    return family.steps(target, clock, formulation.data[clock], names, unit_of(formulation, *names))
+    unit, clock = unit_of(formulation, *instrument.columns), clock_of(formulation)
+    changes = {name: (f"d{name}", unit, 1.0) for name in instrument.columns}
+    return family.steps(target, clock, formulation.data[clock], changes)
 
 
-def _framed(formulation: Formulation) -> tuple[str, ...]:
-    return tuple(one.name for one in roles_of(formulation).instruments if one.frame)
-
-
-drift = recipe(
+drift = of_joints(
     "drift", "The zero of a joint drifts during the run",
     "reading_i += even s, + bend 4 s (1 - s), + turn 10.4 s (1 - s) (1 - 2 s); s from 0 to 1 over the run",
-    channel="reading", columns=("the time",), unit="that of the joint", targets="each joint",
-    targets_in=recipes.each("joints"), make=_drift, bounds=("largest_angle",),
+    columns=("the time",), make=_drift, bounds=("largest_angle",),
 )  # fmt: skip
-slip = recipe(
-    "slip", "The reading of a joint slips once during the run", "reading_i += step from a time on", channel="reading",
-    columns=("the time",), unit="that of the joint", targets="each joint",
-    targets_in=recipes.each("joints"), make=_slip, bounds=("largest_angle",),
+slip = of_joints(
+    "slip", "The reading of a joint slips once during the run", "reading_i += step from a time on",
+    columns=("the time",), make=_slip, bounds=("largest_angle",),
 )  # fmt: skip
-frame_drift = recipe(
+_of_frame = partial(
+    of_columns, columns=("the time",), targets="each instrument with a frame",
+    targets_in=lambda formulation: tuple(one.name for one in roles_of(formulation).instruments if one.frame),
+)  # fmt: skip
+frame_drift = _of_frame(
     "frame_drift", "The frame of an instrument moves evenly during the run, and may turn",
-    "measured -= d s, or (d + w x (measured - middle)) s; s from 0 to 1 over the run", channel="prediction",
-    columns=("the time",), unit="that of the measurement", targets="each instrument with a frame", targets_in=_framed,
-    make=_frame_drift, label="moving frame",
+    "measured -= d s, or (d + w x (measured - middle)) s; s from 0 to 1 over the run", make=_frame_drift,
+    label="moving frame",
 )  # fmt: skip
-frame_shift = recipe(
+frame_shift = _of_frame(
     "frame_shift", "An instrument, or the machine, is displaced once during the run", "measured += d from a time on",
-    channel="prediction", columns=("the time",), unit="that of the measurement",
-    targets="each instrument with a frame", targets_in=_framed, make=_frame_shift, label="displaced frame",
+    make=_frame_shift, label="displaced frame",
 )  # fmt: skip

@@ -16,7 +16,7 @@ import numpy as np
 
 from calibench.discrepancy.effects.general.columns import LONGEST, ORDINALS, scanned
 from calibench.discrepancy.effects.general.joints import LONGER_ARC, largest_error, told_in, unstated
-from calibench.discrepancy.effects.general.recipe import Built, each, named, recipe
+from calibench.discrepancy.effects.general.recipe import Built, each, named, of_joints
 from calibench.discrepancy.model.effect import EffectFamily, LinearEffect, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
@@ -140,42 +140,37 @@ def _wave(angle: Any, order: float) -> Array:
     return np.stack([np.cos(order * angle), np.sin(order * angle)], axis=-1)
 
 
-eccentricity = recipe(
+_of_reading = partial(of_joints, columns=("the reading",))
+eccentricity = _of_reading(
     "eccentricity", "The disc of an encoder sits off its axis",
-    "reading_i += arcsin(a cos theta_i + b sin theta_i), theta_i = reading_i", channel="reading",
-    columns=("the reading",), unit="that of the joint", targets="each rotary joint",
+    "reading_i += arcsin(a cos theta_i + b sin theta_i), theta_i = reading_i", targets="each rotary joint",
     targets_in=each("joints", "rotary"), make=partial(_exact, _off_axis, 1.0), resolved_by=LONGER_ARC,
 )  # fmt: skip
-screw_error = recipe(
+screw_error = _of_reading(
     "screw_error", "A screw, or a scale, errs once a period",
-    "reading_i += a cos theta_i + b sin theta_i, theta_i = 2 pi reading_i / period", channel="reading",
-    columns=("the reading",), unit="that of the joint", targets="each sliding joint",
+    "reading_i += a cos theta_i + b sin theta_i, theta_i = 2 pi reading_i / period", targets="each sliding joint",
     targets_in=each("joints", "sliding"), make=partial(_exact, _off_axis, 1.0), resolved_by=LONGER_ARC,
     label="periodic screw error",
 )  # fmt: skip
-second_harmonic = recipe(
+second_harmonic = _of_reading(
     "second_harmonic", "The disc of an encoder is oval, or tilted; a screw errs twice a turn",
-    ("reading_i += atan2(u, 1 - v), u = a cos 2 theta_i + b sin 2 theta_i, v = b cos 2 theta_i - a sin 2 theta_i; "
-        "sliding: u"), channel="reading", columns=("the reading",), unit="that of the joint", targets="each joint",
-    targets_in=each("joints"), make=partial(_exact, _oval, 2.0), resolved_by=LONGER_ARC,
+    "reading_i += atan2(u, 1 - v), u = a cos 2 theta_i + b sin 2 theta_i, v = b cos 2 theta_i - a sin 2 theta_i; "
+    "sliding: u", make=partial(_exact, _oval, 2.0), resolved_by=LONGER_ARC,
 )  # fmt: skip
-angle_error = recipe(
-    "angle_error", "The encoder of a joint errs smoothly over its turn; the order is not resolved",
-    "reading_i += sum over k = 1, 2, 3 of a_k cos k theta_i + b_k sin k theta_i", channel="reading",
-    columns=("the reading",), unit="that of the joint", targets="each rotary joint",
-    targets_in=each("joints", "rotary"), make=_unresolved, resolved_by=LONGER_ARC,
+_THREE = "reading_i += sum over k = 1, 2, 3 of a_k cos k theta_i + b_k sin k theta_i"
+angle_error = _of_reading(
+    "angle_error", "The encoder of a joint errs smoothly over its turn; the order is not resolved", _THREE,
+    targets="each rotary joint", targets_in=each("joints", "rotary"), make=_unresolved, resolved_by=LONGER_ARC,
 )  # fmt: skip
-position_error = recipe(
+position_error = _of_reading(
     "position_error", "A scale or a screw errs smoothly over its period; the order is not resolved",
-    "reading_i += sum over k = 1, 2, 3 of a_k cos k theta_i + b_k sin k theta_i, theta_i = 2 pi reading_i / period",
-    channel="reading", columns=("the reading",), unit="that of the joint", targets="each sliding joint",
+    f"{_THREE}, theta_i = 2 pi reading_i / period", targets="each sliding joint",
     targets_in=each("joints", "sliding"), make=_unresolved, resolved_by=LONGER_ARC,
 )  # fmt: skip
-cyclic = recipe(
+cyclic = of_joints(
     "cyclic", "The teeth of a gear: an error that repeats N times a turn, N as stated",
-    "reading_i += sum over k = N, or N and 2 N, of a_k cos k theta_i + b_k sin k theta_i", channel="reading",
-    columns=("the reading", "the number of teeth"), unit="that of the joint", targets="each joint",
-    targets_in=each("joints"), make=_cyclic, label="cyclic error at the tooth count",
+    "reading_i += sum over k = N, or N and 2 N, of a_k cos k theta_i + b_k sin k theta_i",
+    columns=("the reading", "the number of teeth"), make=_cyclic, label="cyclic error at the tooth count",
 )  # fmt: skip
 
 
@@ -207,12 +202,10 @@ def _waves(k: int, family: EffectFamily, formulation: Formulation, target: str) 
 
 PERIODIC = tuple(f"{words}periodic_error".replace(" ", "_") for words in ORDINALS)
 WAVES = tuple(
-    recipe(
+    _of_reading(
         PERIODIC[k], f"A joint errs {f'in a {words}' if words else 'with a '}period that nobody knows",
-        "reading_i += a cos(2 pi reading_i / P) + b sin(2 pi reading_i / P), P fitted", channel="reading",
-        columns=("the reading",), unit="that of the joint",
-        targets="each joint; periods that are stated have names of their own", targets_in=each("joints"),
-        make=partial(_waves, k),
+        "reading_i += a cos(2 pi reading_i / P) + b sin(2 pi reading_i / P), P fitted",
+        targets="each joint; periods that are stated have names of their own", make=partial(_waves, k),
     )
     for k, words in enumerate(ORDINALS)
 )  # fmt: skip

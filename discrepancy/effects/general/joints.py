@@ -10,7 +10,7 @@ import numpy as np
 
 from calibench.core.tables.cells import between
 from calibench.discrepancy.effects.general.lengths import reference_of, time_constants, warmth
-from calibench.discrepancy.effects.general.recipe import Built, declared, each, named, recipe
+from calibench.discrepancy.effects.general.recipe import Built, declared, each, named, of_joints
 from calibench.discrepancy.labels import quantity_of
 from calibench.discrepancy.model.effect import Effect, EffectFamily, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
@@ -128,31 +128,27 @@ def _zero(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     return tuple(forms)
 
 
-scale = recipe(
+scale = of_joints(
     "gear", "A gear ratio, the pitch of a screw, or the scale of an encoder is not the stated one",
-    "reading_i += k reading_i", channel="reading", columns=("the reading",), unit="1", targets="each joint",
-    targets_in=each("joints"), make=_scale, label="scale error", resolved_by=LONGER_ARC,
-    bounds=("largest_scale",),
+    "reading_i += k reading_i", columns=("the reading",), unit="1", make=_scale, label="scale error",
+    resolved_by=LONGER_ARC, bounds=("largest_scale",),
 )  # fmt: skip
-backlash = recipe(
-    "backlash", "A drive has play", "reading_i -= play / 2 * direction_i", channel="reading",
-    columns=("the direction",), unit="that of the joint", targets="each joint", targets_in=each("joints"),
-    make=_backlash, never_negative="play", bounds=("largest_play",),
+backlash = of_joints(
+    "backlash", "A drive has play", "reading_i -= play / 2 * direction_i", columns=("the direction",), make=_backlash,
+    never_negative="play", bounds=("largest_play",),
 )  # fmt: skip
-compliance = recipe(
-    "compliance", "A drive gives way to its torque, or its force", "reading_i -= kappa torque_i", channel="reading",
-    columns=("the torque",), unit="that of the joint by N mm, or by N", targets="each joint", targets_in=each("joints"),
-    make=_compliance, never_negative="compliance", bounds=("softest_drive", "largest_windup"),
+compliance = of_joints(
+    "compliance", "A drive gives way to its torque, or its force", "reading_i -= kappa torque_i",
+    columns=("the torque",), unit="that of the joint by N mm, or by N", make=_compliance, never_negative="compliance",
+    bounds=("softest_drive", "largest_windup"),
 )  # fmt: skip
-lag = recipe(
+lag = of_joints(
     "lag", "A joint, or all of them, are read too early or too late", "reading_i += tau velocity_i",
-    channel="reading", columns=("the velocity",), unit="s", targets="each joint, all",
-    targets_in=each("joints", and_all=True), make=_lag, label="timing lag", label_of_all="timing lag of all joints",
-    bounds=("largest_lag", "largest_angle"),
+    columns=("the velocity",), unit="s", targets="each joint, all", targets_in=each("joints", and_all=True), make=_lag,
+    label="timing lag", label_of_all="timing lag of all joints", bounds=("largest_lag", "largest_angle"),
 )  # fmt: skip
-zero = recipe(
+zero = of_joints(
     "thermal_zero", "The zero of a joint moves with temperature", "reading_i += a T, T follows the temperature",
-    channel="reading", columns=("the temperature",), unit="that of the joint by K", targets="each joint",
-    targets_in=each("joints"), make=_zero, label="thermal shift of the zero",
+    columns=("the temperature",), unit="that of the joint by K", make=_zero, label="thermal shift of the zero",
     bounds=("largest_warm_zero", "largest_angle"),
 )  # fmt: skip

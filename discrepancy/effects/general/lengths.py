@@ -112,23 +112,19 @@ def _growth(family: EffectFamily, formulation: Formulation, target: str) -> Buil
     return grown(family, target, heat, formulation.data, roles.time, own_at)
 
 
-NOWHERE: Mapping[str, float] = {}
-
-
 def grown(
     family: EffectFamily, target: str, heat: dict[str, str], run: MeasuredData, clock: str,
-    own_at: Mapping[str, float] = NOWHERE,
+    own_at: Mapping[str, float] | None = None,
 ) -> tuple[Effect, ...]:  # fmt: skip
     """Return the growth of quantities with the temperature in their columns, `heat`, over `run`: one form for each lag.
 
     `own_at` is the temperature at which a quantity has its nominal length, 0 where it is not stated.
     """
-
-    columns = tuple(dict.fromkeys(heat.values()))
+    columns, zeros = tuple(dict.fromkeys(heat.values())), own_at or {}
 
     def changes(late: float, q: Quantities, data: MeasuredData) -> dict[str, Array]:
         warm = {column: warmth(data, late, column, clock, run) for column in columns}
-        return {name: (q[name] * (warm[column] - own_at.get(name, 0.0)))[:, None] for name, column in heat.items()}
+        return {name: (q[name] * (warm[column] - zeros.get(name, 0.0)))[:, None] for name, column in heat.items()}
 
     forms = (partial(changes, late) for late in time_constants(run, clock))
     largest = thresholds().largest_growth

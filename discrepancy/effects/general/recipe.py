@@ -6,9 +6,10 @@ physics under them (`recipe.enter("gpm2002", targets, ...)`). All others get the
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal, TypeVar, final
 
-from calibench.discrepancy.model.effect import Built as Built, EffectFamily, HeldBack, NotTestable, needs
+from calibench.discrepancy.model.effect import Built as Built, EffectFamily, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.roles import ALL, Instrument, Joint, Length, roles_of
 from calibench.discrepancy.registries import GENERAL
@@ -48,8 +49,6 @@ class Recipe:
 
 def changed(built: Built, **fields: Any) -> Built:
     """Return candidates with other `fields`."""
-    if isinstance(built, HeldBack):
-        return built
     return tuple(replace(one, **fields) for one in (built if isinstance(built, tuple) else (built,)))  # type: ignore[type-var]
 
 
@@ -76,6 +75,15 @@ def each(
         return (*names, ALL) if and_all and len(names) > 1 else names
 
     return targets_in
+
+
+of_joints = partial(
+    recipe, channel="reading", unit="that of the joint", targets="each joint", targets_in=each("joints"),
+)  # fmt: skip
+of_columns = partial(
+    recipe, channel="prediction", columns=("the column",), unit="that of the measurement",
+    targets="each further column",
+)  # fmt: skip
 
 
 def named(parts: tuple[_Part, ...], target: str) -> tuple[_Part, ...]:

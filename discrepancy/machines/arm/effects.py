@@ -13,7 +13,7 @@ from calibench.calibration.walk import BASE, PLACE, READING, TOOL, TURNS
 from calibench.discrepancy.effects.general.columns import run_terms
 from calibench.discrepancy.effects.general.recipe import Built, clock_of
 from calibench.discrepancy.machines.arm.formulation import TOOL_TURNS, loads_in
-from calibench.discrepancy.model.effect import Effect, EffectFamily, NotTestable
+from calibench.discrepancy.model.effect import EffectFamily, NotTestable
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
@@ -53,13 +53,9 @@ def _drifts(formulation: Formulation, target: str, *, name: str) -> Built:
 
 def _shifts(formulation: Formulation, target: str, *, name: str) -> Built:
     names, clock = _moved(formulation, target)
-    found: tuple[Effect, ...] = ()
-    for moved in dict.fromkeys((names[:3], names)):
-        kinds = tuple(_KIND[one] for one in moved)
-        found += FAMILIES[name].steps(
-            target, clock, formulation.data[clock], dict(zip(moved, moved)), "mm", kinds=kinds
-        )
-    return found
+    t, family = formulation.data[clock], FAMILIES[name]
+    forms = dict.fromkeys((names[:3], names))
+    return tuple(e for moved in forms for e in family.steps(target, clock, t, {n: (n, *_KIND[n]) for n in moved}))
 
 
 def _bends(formulation: Formulation, target: str) -> Built:

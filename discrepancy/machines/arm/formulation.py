@@ -5,12 +5,12 @@ Calibrated are the base, the tool, and the placement and zero of every joint, as
 instead of the tracker's columns are formulated by `sockets`.
 """
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, final
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from calibench.discrepancy.checks.wild import without_wild
 from calibench.discrepancy.machines.arm import readings
 from calibench.discrepancy.machines.arm.sockets import in_sockets, with_held
 from calibench.discrepancy.model.formulations import Predicted
-from calibench.discrepancy.model.machine import Description, Formulation, Quantities, Quantity, Slopes, Stated
+from calibench.discrepancy.model.machine import TINY, Description, Formulation, Quantities, Quantity, Slopes, Stated
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, positive
 from calibench.discrepancy.model.roles import Instrument, Joint, Length, Roles
 from calibench.discrepancy.registries import DEMONSTRATIONS, describe, machines
@@ -38,8 +38,6 @@ AIM = tuple(f"aim_{one}" for one in walk.PLACE)  # rad: how it is turned at the 
 TOOL_TURNS = tuple(f"tool_{one}" for one in walk.TURNS)
 MILLI = 1e3
 _WIDE = {"mm": 30.0, "rad": 0.1, "base": 300.0}  # within which numbers are looked for
-_HELD: WeakKeyDictionary[MeasuredData, Array] = WeakKeyDictionary()
-_TINY = 1e-30  # rad of a complex step: exact to rounding
 
 
 @machines.register("arm")
@@ -61,7 +59,6 @@ class Arm:
     name: str = field(default="arm", init=False)
 
     def formulate(self, data: MeasuredData) -> Predicted:
-        """Return the prediction of what was measured; raise `DataError` for data that this arm cannot give."""
         dh = self.dh or ("" if self.urdf else str(data.metadata.get("dh", "")))
         lost = next((key for key in ("urdf", "tip", "base") if getattr(self, key)), "") if dh else ""
         if lost:
@@ -152,7 +149,6 @@ class _Target:
     tool: Array | None
     others: int = 0
     _walked: list[tuple[Quantities, tuple[Any, ...], walk.Walk]] = field(default_factory=list, repr=False)
-    _seats: list[tuple[tuple[Any, ...], Numbers]] = field(default_factory=list, repr=False)
 
     def seen(self, q: Quantities) -> Numbers:
         """Return the place [mm], (n, 3), or with the turn [mrad], (n, 6)."""
@@ -165,7 +161,6 @@ class _Target:
         return np.concatenate([way.target, MILLI * small_vector_of(np.asarray(turned @ self._seat(q)))], axis=1)
 
     def slopes(self, q: Quantities) -> Mapping[str, Array]:
-        """Return the derivative of `seen` in each quantity."""
         way = self._walk(q)
         if self.tool is None:
             others = (f"{name}_{k}" for k in range(2, self.others + 2) for name in walk.TOOL)
@@ -178,8 +173,8 @@ class _Target:
         vectors, still = small_vector_of(turned @ self._seat(q)), np.zeros(way.target.shape)
         turns = walk.turn_slopes(self.chain, way, tool_axes, lambda axes: MILLI * beside(vectors, axes))
         for name in AIM:
-            stepped = turned @ self._seat_of({**q, name: np.asarray(q[name]) + 1j * _TINY})
-            turns[name] = MILLI * np.imag(small_vector_of(stepped)) / _TINY
+            stepped = turned @ self._seat({**q, name: np.asarray(q[name]) + 1j * TINY})
+            turns[name] = MILLI * np.imag(small_vector_of(stepped)) / TINY
         return {
             name: np.concatenate([places.get(name, still), turns.get(name, still)], axis=1)
             for name in (*places, *tool_axes, *AIM)
@@ -209,15 +204,6 @@ class _Target:
         return way
 
     def _seat(self, q: Quantities) -> Numbers:
-        """Return `_seat_of`, cached: nearly all calls have the same start."""
-        aim = tuple(q[name] for name in AIM)
-        for known, seat in self._seats:
-            if all(a is b for a, b in zip(known, aim, strict=True)):
-                return seat
-        self._seats[:] = [(aim, self._seat_of(q))]
-        return self._seats[0][1]
-
-    def _seat_of(self, q: Quantities) -> Numbers:
         """Return `tool` relative to the target's rotation at the start, (n, 3, 3)."""
         return np.asarray(self.tool @ np.swapaxes(rotation_of(np.stack([q[name] for name in AIM], axis=-1)), -1, -2))
 
@@ -263,25 +249,21 @@ def loads_in(formulation: Formulation, data: MeasuredData) -> tuple[Chain, Array
     predict = getattr(getattr(formulation, "predict", None), "__self__", None)
     if predict is None:
         return None
-    if data not in _HELD:
-        start = dict(formulation.fixed) | {p.name: p.start for p in formulation.parameters}
-        read = [data[name] for name in (*(walk.READING + n for n in predict.chain.driven), PAYLOAD) if name in data]
-        for target, began, known, metadata, held in _LAST:
-            same = target is predict and metadata is data.metadata and len(known) == len(read)
-            if same and all(a is b for a, b in zip(known, read)) and began == start:
-                _HELD[data] = held
-                break
-        else:
-            _HELD[data] = readings.loads(predict.chain, predict.base, start, data)
-            _LAST[:] = [(predict, start, read, data.metadata, _HELD[data])]
-    return predict.chain, _HELD[data]
+    start = dict(formulation.fixed) | {p.name: p.start for p in formulation.parameters}
+    read = [data[name] for name in (*(walk.READING + n for n in predict.chain.driven), PAYLOAD) if name in data]
+    for target, began, known, metadata, held in _LAST:
+        same = target is predict and metadata is data.metadata and len(known) == len(read)
+        if same and all(a is b for a, b in zip(known, read)) and began == start:
+            return predict.chain, held
+    held = readings.loads(predict.chain, predict.base, start, data)
+    _LAST.append((predict, start, read, data.metadata, held))
+    return predict.chain, held
 
 
-_LAST: list[tuple[_Target, Mapping[str, float], list[Array], Mapping[str, Any], Array]] = []  # what loads are of
+_LAST: deque[tuple[_Target, Mapping[str, float], list[Array], Mapping[str, Any], Array]] = deque(maxlen=2)
 
 
 def roles_for(chain: Chain, data: MeasuredData, instruments: tuple[Instrument, ...]) -> Roles:
-    """Return the roles of an arm, as far as the data tell of it."""
     there = {name: name for name in data.columns}
     kinds = {j.mimic.joint if j.mimic else j.name: j.kind for j in reversed(chain.joints)}
     stated = data.metadata.get("teeth", {})  # one number for all, or one a joint; 0 where it states none

@@ -22,13 +22,12 @@ from calibench.calibration.walk import BASE, PLACE, READING, TOOL, of_joint, qua
 from calibench.core.notes import Code
 from calibench.discrepancy.machines.arm.readings import completed, torques
 from calibench.discrepancy.model.formulations import Predicted
-from calibench.discrepancy.model.machine import Quantities
+from calibench.discrepancy.model.machine import TINY, Quantities
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, positive
 from calibench.discrepancy.model.roles import Instrument, Roles
 from calibench.problems.base import Array, Parameter
 
 INDEX = "socket_number"  # of all places, from 0
-_TINY = 1e-30
 _BASE = np.eye(3)  # as it stands: nothing is measured in another frame
 
 
@@ -43,7 +42,6 @@ class Sockets:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names of the numbers that give the places of the points."""
         paired = {k for pair in self.pairs for k in pair}
         alone = tuple(f"socket{k}_{one}" for k in range(len(self.guess)) if k not in paired for one in PLACE)
         return (*(f"pair{k}_{one}" for k in range(len(self.pairs)) for one in (*PLACE, "u", "v")), *alone)
@@ -91,12 +89,11 @@ class _Ball:
         return np.asarray(walk(self.chain, _BASE, q).target - self.sockets.moved(q)[rows])
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
-        """Return its derivative in each quantity, name -> (n, 3)."""
         by_name = slopes(self.chain, walk(self.chain, _BASE, q))
         rows = np.rint(np.real(q[INDEX])).astype(int)
         for name in self.sockets.names:
-            stepped = self.sockets.moved({**q, name: np.asarray(q[name]) + 1j * _TINY})
-            by_name[name] = -np.imag(stepped)[rows] / _TINY
+            stepped = self.sockets.moved({**q, name: np.asarray(q[name]) + 1j * TINY})
+            by_name[name] = -np.imag(stepped)[rows] / TINY
         return by_name | {INDEX: np.zeros((len(rows), 3))}
 
 

@@ -25,6 +25,7 @@ from calibench.discrepancy.model.machine import Correction, Description, Stated
 from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.registries import describe
 from calibench.discrepancy.report import Report
+from calibench.problems.delta.calibration import ring_places
 
 PlanName = Literal["heights", "object", "rings", "rich"]
 _RINGS: dict[str, tuple[tuple[int, float], ...]] = {
@@ -50,24 +51,14 @@ def planned(
     if not 0 < radius < arm or not 0 < bed_radius < _MARGIN * arm - radius:
         rods = f"rods of {arm:g} mm at a radius of {radius:g} mm"
         raise DataError(f"plan.bed_radius={bed_radius:g}: {rods} do not reach it")
-
-    rings = [(share * bed_radius, 2 * np.pi * (k / n)) for n, share in _RINGS[plan] for k in range(n)]
-    heights = [(0.0, 0.0), *((out * float(np.cos(angle)), out * float(np.sin(angle))) for out, angle in rings)]
-    pairs: list[tuple[tuple[float, float], tuple[float, float]]] = []
-    for share in _SIDES[plan]:
-        out, angles = share * bed_radius, [2 * np.pi * (k / 6) for k in range(6)]
-        corners = [(out * float(np.cos(angle)), out * float(np.sin(angle))) for angle in angles]
-        pairs += [((0.0, 0.0), corner) for corner in corners]
-        pairs += [(corners[k], corners[(k + 1) % 6]) for k in range(6)]
-    n, m = len(heights), len(pairs)
-    first = np.array([*heights, *(one for one, _ in pairs)])
-    second = np.array([*heights, *(other for _, other in pairs)])
+    there = ring_places(_RINGS[plan], _SIDES[plan], bed_radius)
+    apart = there.between == 1
     columns = {
-        "kind": np.array(["height"] * n + ["distance"] * m),
-        "height": np.array([0.0] * n + [np.nan] * m),
-        "distance": np.array([np.nan] * n + [float(np.hypot(*np.subtract(b, a))) for a, b in pairs]),
+        "kind": np.where(apart, "distance", "height"),
+        "height": np.where(apart, np.nan, 0.0),
+        "distance": np.where(apart, np.linalg.norm(there.second - there.first, axis=1), np.nan),
     }
-    for end, places in (("", first), ("_2", second)):
+    for end, places in (("", there.first), ("_2", there.second)):
         for tower in TOWERS:
             angle = np.deg2rad(_DEGREES[tower])
             x, y = places[:, 0] - radius * np.cos(angle), places[:, 1] - radius * np.sin(angle)

@@ -23,14 +23,12 @@ def each_tower(quantity: str) -> dict[str, tuple[str, ...]]:
 
 def constant(
     name: str, cause: str, formula: str, channel: str, unit: str, targets: Targets, *,
-    of: str = "", twins: str = "", same: Mapping[str, tuple[str, ...]] | None = None,
-    same_by_heights: tuple[str, ...] = (), parted_by: str = "", label: str = "",
+    of: str = "", twins: str = "", same: Mapping[str, tuple[str, ...]] | None = None, label: str = "",
     label_of_all: str = "",
 ) -> EffectFamily:  # fmt: skip
     """Enter the family with these `targets`; `of` is the kind of row that it needs, "" for either.
 
-    `same` are the declared twins of a target, `same_by_heights` those of the target `all` where only heights were
-    measured.
+    `same` are the declared twins of a target. Where only heights were measured, those of `SIZE` are twins too.
     """
 
     def build(formulation: Formulation, target: str) -> Built:
@@ -39,8 +37,8 @@ def constant(
             raise NotTestable(f"needs rows of kind {of}", ("kind",))
         rows = dict(zip(targets[target], np.eye(len(targets[target]))))
         alike = (same or {}).get(target, ())
-        if target == "all" and same_by_heights and not (kind == "distance").any():
-            alike = tuple(f"{twin} all" for twin in same_by_heights if twin != name)
+        if target == "all" and name in SIZE and not (kind == "distance").any():
+            alike = tuple(f"{twin} all" for twin in SIZE if twin != name)
         return family.linear(
             target, (), dict.fromkeys(rows, unit),
             lambda q, data: {quantity: np.tile(row, (len(data), 1)) for quantity, row in rows.items()}, twins=alike,
@@ -48,7 +46,7 @@ def constant(
 
     family = EffectFamily(
         name, "delta", cause, formula=formula, channel=channel, columns=(), unit=unit, targets=tuple(targets),
-        build=build, twins=twins, label=label, label_of_all=label_of_all, parted_by=parted_by,
+        build=build, twins=twins, label=label, label_of_all=label_of_all, parted_by=OBJECT if name in SIZE else "",
     )  # fmt: skip
     return family.enter()
 
@@ -61,8 +59,7 @@ bed_tilt = constant(
 dome = constant(
     "bed_dome", "The bed stands higher in its middle than at its rim, or lower",
     "z of the bed is d (1 - (x^2 + y^2) / bed_radius^2)", "base", "mm", {"all": ("dome",)}, of="height",
-    twins="nearly, by heights alone: delta_radius, rod_length, belt_scale", same_by_heights=SIZE,
-    parted_by=OBJECT, label_of_all="domed bed",
+    twins="nearly, by heights alone: delta_radius, rod_length, belt_scale", label_of_all="domed bed",
 )  # fmt: skip
 caliper = constant(
     "caliper_offset", "The caliper reads, or the extruded line adds, the same length at every object",
@@ -79,23 +76,21 @@ shrink = constant(
 radius = constant(
     "delta_radius", "Towers stand further from the middle than stated, or the effector is smaller",
     "R = delta_radius + dR", "link", "mm", {"all": ("d_radius",)},
-    twins="nearly, by heights alone: rod_length, belt_scale", same_by_heights=SIZE, parted_by=OBJECT,
-    label="delta radius", label_of_all="delta radius",
+    twins="nearly, by heights alone: rod_length, belt_scale", label="delta radius", label_of_all="delta radius",
 )  # fmt: skip
 tower_radius = constant(
     "tower_radius", "One tower stands further out than the others", "R_i = delta_radius + dR_i", "link", "mm",
-    each_tower("d_radius"), twins="nearly: tower_lean of the same tower",
-    label="tower radius",
+    each_tower("d_radius"), twins="nearly: tower_lean of the same tower", label="tower radius",
 )  # fmt: skip
 angle = constant(
     "tower_angle", "A tower stands at another angle about the middle than stated", "angle_i + da_i", "link", "rad",
-    each_tower("d_angle"),
-    twins="always, all three by the same angle: the printer turned as a whole", label="tower angle",
+    each_tower("d_angle"), twins="always, all three by the same angle: the printer turned as a whole",
+    label="tower angle",
 )  # fmt: skip
 rod_length = constant(
     "rod_length", "The rods are all longer or shorter than stated", "L_i = arm_length + dL", "link", "mm",
-    {"all": ("d_rod",)}, twins="nearly, by heights alone: delta_radius, belt_scale",
-    same_by_heights=SIZE, parted_by=OBJECT, label="rod length", label_of_all="rod length",
+    {"all": ("d_rod",)}, twins="nearly, by heights alone: delta_radius, belt_scale", label="rod length",
+    label_of_all="rod length",
 )  # fmt: skip
 single_rods = constant(
     "single_rod", "The rods of one tower differ in length from the others", "L_i = arm_length + dL_i", "link", "mm",
@@ -109,8 +104,7 @@ lean = constant(
 scale = constant(
     "belt_scale", "The belts move another way per step than stated: pulley, pitch or tension",
     "travel_i (1 + s)", "reading", "1", {"all": ("scale",)} | each_tower("scale"),
-    twins="nearly, by heights alone: delta_radius, rod_length", same_by_heights=SIZE, parted_by=OBJECT,
-    label="belt scale", label_of_all="belt scale",
+    twins="nearly, by heights alone: delta_radius, rod_length", label="belt scale", label_of_all="belt scale",
 )  # fmt: skip
 tilt = constant(
     "effector_tilt", "The effector tilts as it goes outward, so its nozzle does not stand under its middle",

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from calibench.core.options import shown
 from calibench.discrepancy.checks.validate import entered
 from calibench.discrepancy.model import measured
-from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities, as_is
+from calibench.discrepancy.model.machine import TINY, WORKSPACE, Formulation, Numbers, Quantities, as_is
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor
 from calibench.discrepancy.model.roles import Joint, Roles
 from calibench.discrepancy.registries import machines
@@ -51,7 +51,6 @@ _CHECKED = "delta_checked"
 _KINDS = ("height", "distance")
 _SIGMA = {"height": 0.02, "distance": 0.05}  # mm: a switch probe, a caliper on plastic
 _WIDTH = 20.0  # mm: a switch stands within it
-_STEP = 1e-30
 _PLACES = 12  # heights from which on a disagreement over the bed is looked for: fewer draw no surface
 
 
@@ -68,7 +67,6 @@ class Delta:
     start: Literal["design", "saved"] = "design"
 
     def formulate(self, data: MeasuredData) -> Formulation:
-        """Return the formulation of the rows; raise `DataError` for data that cannot be a delta's."""
         data = accepted(data)
         nominal = nominal_machine(data, "saved" if self.start == "saved" else "printer")
         ends = {name: nominal.pop(name) for name in (f"endstop_{tower}" for tower in TOWERS)}
@@ -115,15 +113,12 @@ class Measured:
 
     @cached_property
     def probed(self) -> NDArray[np.bool_]:
-        """Return which rows are heights, (n,)."""
         return np.asarray(self.data["kind"] == "height")
 
     def reads(self, name: str) -> NDArray[np.bool_]:
-        """Return in which rows a column is read, (n,)."""
         return self.probed if name == "height" else ~self.probed
 
     def constraints(self, q: Quantities) -> Numbers:
-        """Return modelled minus measured heights and distances, shape (n, 1), mm."""
         probed, data = self.probed, self.data
         first, second = ([data[f"travel_{tower}{end}"] for tower in TOWERS] for end in ("", "_2"))
         shape = np.broadcast_shapes(*(np.shape(value) for value in q.values()))
@@ -152,9 +147,9 @@ class Measured:
         stepped = {}
         for k, (name, value) in enumerate(q.items()):
             own = np.zeros((len(q), 1))
-            own[k] = _STEP
+            own[k] = TINY
             stepped[name] = np.asarray(value, dtype=float) + 1j * own
-        slopes = np.imag(self.constraints(stepped)) / _STEP
+        slopes = np.imag(self.constraints(stepped)) / TINY
         return dict(zip(q, slopes, strict=True))
 
     decorrelate = as_is
@@ -168,7 +163,6 @@ class Measured:
         return {"height": {"distance from the middle": np.hypot(x, y)}, WORKSPACE: {"x": x, "y": y}}
 
     def on(self, data: MeasuredData) -> Measured:
-        """Return the same printer over other rows."""
         checked = data.metadata.get(_CHECKED) and all(f"travel_{tower}_2" in data for tower in TOWERS)
         return replace(self, data=data if checked else accepted(data))
 

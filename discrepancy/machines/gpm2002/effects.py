@@ -30,7 +30,8 @@ backlash = joints.backlash.enter(
 def _base_shift(formulation: Formulation, target: str) -> Built:
     needs(formulation.data, "t_s")
     i = target[-1]
-    return base_shift.steps(target, "t_s", formulation.data["t_s"], {f"xa{i}": "dx", f"ya{i}": "dy"}, "mm")
+    changes = {f"xa{i}": ("dx", "mm", 1.0), f"ya{i}": ("dy", "mm", 1.0)}
+    return base_shift.steps(target, "t_s", formulation.data["t_s"], changes)
 
 
 base_shift = EffectFamily(

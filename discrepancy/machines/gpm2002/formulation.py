@@ -112,7 +112,6 @@ class LegClosure:
 
     @property
     def readings(self) -> tuple[str, ...]:
-        """Return the columns that carry noise."""
         return tuple(sensor.column for sensor in self.sensors)
 
     @cached_property
@@ -152,7 +151,6 @@ class LegClosure:
         return np.stack(powers, axis=-1) / _SCALE
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
-        """Return the derivative of the constraints in each quantity, name -> (n, c)."""
         bx, by = _elbows(q)
         px, py = (q["x"], q["y"]) if self.tracked else _radical_centre(bx, by, q)
         weights = np.ones((3, len(self.data)))
@@ -195,7 +193,6 @@ class LegClosure:
         return {**met, WORKSPACE: {"x": np.real(x), "y": np.real(y)}}
 
     def on(self, data: MeasuredData) -> LegClosure:
-        """Return the same closure over other rows."""
         return replace(self, data=data)
 
 
@@ -336,7 +333,6 @@ _SPARE = 0.05  # of the rows may go for the sake of a covariate that is not a nu
 
 
 def _validated(data: MeasuredData) -> MeasuredData:
-    """Return the data as they can be used, with notes; raise `DataError` for data that cannot be used."""
     stated = data.metadata.get("machine", data.machine)
     if stated != "gpm2002":
         raise DataError(f"{data.name}: these data are of machine {stated!r}; machine=gpm2002 cannot use them")

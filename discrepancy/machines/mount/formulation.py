@@ -53,7 +53,6 @@ class Mount:
     name: str = field(default="mount", init=False)
 
     def formulate(self, data: MeasuredData) -> Predicted:
-        """Return the prediction of the errors on the sky; raise `DataError` for data that no mount can give."""
         data, kind, latitude = accepted(data)
         free = INDEX[kind] if self.base == "index" else tuple(TURNS[kind])
         terms = (*TURNS[kind], "TF", "TX")

@@ -18,7 +18,7 @@ from calibench.core.words import plain
 from calibench.discrepancy.fitting.fit import project_off
 from calibench.discrepancy.machines.orthoglide.kinematics import rows_of
 from calibench.discrepancy.model import effect as base
-from calibench.discrepancy.model.effect import Along, Built, EffectFamily, HeldBack, LinearEffect, Moment, NotTestable
+from calibench.discrepancy.model.effect import Along, Built, EffectFamily, LinearEffect, Moment, NotTestable
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import DataError, MeasuredData, finite
 from calibench.discrepancy.model.model import Model, signature
@@ -91,7 +91,7 @@ def _felt(effect: LinearEffect, formulation: Formulation, largest: float) -> Bui
     if largest * seen < _SHOWS * sigma:
         needed = f"it takes {plain(_SHOWS * sigma / seen, 3)} {effect.unit}" if seen > 0 else "no size would"
         why = f"even {largest:g} {effect.unit} would not show in these readings: {needed}"
-        return HeldBack(why, (base.Alternative(effect, _BEYOND * largest),))
+        raise NotTestable(why, alternatives=(base.Alternative(effect, _BEYOND * largest),))
     return effect
 
 
@@ -246,7 +246,7 @@ def _drive_shift(formulation: Formulation, target: str) -> Built:
         lambda q, data: _joints(target, *(np.tile(np.asarray(data[name])[:, None], 3) for name in columns)),
     )  # fmt: skip
     why = "leaves nearly the signature of thermal_legs: it is not looked for by itself, but held against what is named"
-    return HeldBack(why, (base.Alternative(effect),))
+    raise NotTestable(why, alternatives=(base.Alternative(effect),))
 
 
 def _along(target: str) -> Along:

@@ -113,7 +113,6 @@ class Parallelism:
         return (kinematics.deviations(rows_of(self.data), q) - q["deviation"])[:, None]
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
-        """Return the derivative of the constraints in each quantity, name -> (n, 1)."""
         slopes = kinematics.slopes(rows_of(self.data), q)
         slopes["deviation"] = -np.ones(len(self.data))
         return {name: value[:, None] for name, value in slopes.items()}
@@ -138,7 +137,6 @@ class Parallelism:
         }
 
     def on(self, data: MeasuredData) -> Parallelism:
-        """Return the same machine over other rows."""
         data = data if kinematics.ACCEPTED in data else accepted(data)
         same, kept = replace(self, data=data), self.data.columns
         if all(data.columns.get(name) is column for name, column in kept.items() if name != "deviation"):

@@ -23,7 +23,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, Protocol, final
+from typing import Any, final
 
 import numpy as np
 
@@ -38,12 +38,7 @@ simulators: Registry[Any] = Registry("simulator", "calibench.simulators")
 _SLOW = 0.005  # s of a job: a quicker one is done again sooner than it is read
 _CHUNK = 16  # rows of a job where each row is a call
 _SHOWN = 120  # characters of what a failed command said
-
-
-class Simulator(Protocol):
-    """What answers a part of a table: `inputs` (n, k), `parameters` (p,) or (n, p) -> (n, m)."""
-
-    def __call__(self, inputs: Array, parameters: Array) -> Array: ...
+Simulator = Callable[[Array, Array], Array]  # inputs (n, k), parameters (p,) or (n, p) -> (n, m)
 
 
 @final

@@ -8,7 +8,7 @@ import numpy as np
 from calibench.discrepancy.effects.general import columns
 from calibench.discrepancy.effects.general.joints import largest_error
 from calibench.discrepancy.effects.general.lengths import time_constants, warmth
-from calibench.discrepancy.effects.general.recipe import Built, each, named, recipe
+from calibench.discrepancy.effects.general.recipe import Built, named, of_joints, recipe
 from calibench.discrepancy.model.effect import EffectFamily, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
@@ -84,10 +84,9 @@ def _covariates(roles: Roles) -> tuple[str, ...]:
 
 FAMILIES = (
     columns.power.enter("simulator"),
-    recipe(
-        "input_offset", "An input is off by a constant", "u += c", channel="reading", columns=("the input",),
-        unit="that of the input", targets="each input", targets_in=each("joints"), make=_input_offset,
-        label="offset",
+    of_joints(
+        "input_offset", "An input is off by a constant", "u += c", columns=("the input",), unit="that of the input",
+        targets="each input", make=_input_offset, label="offset",
     ).enter("simulator"),
     recipe(
         "output_offset", "What is measured is off by a constant", "measured += c", channel="prediction", columns=(),

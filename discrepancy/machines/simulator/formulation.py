@@ -27,12 +27,12 @@ from calibench.core.words import counted, one_line, plain, print_plain
 from calibench.discrepancy.machines.simulator import caller as calls
 from calibench.discrepancy.machines.simulator.caller import Caller, Names, duration, simulators
 from calibench.discrepancy.machines.simulator.local import FEW, LocalModel, Variable
-from calibench.discrepancy.model.formulations import RATE, OfRows, Predicted, numbers_of
+from calibench.discrepancy.model.formulations import RATE, OfRows, Predicted, along_clock, means_at, numbers_of
 from calibench.discrepancy.model.machine import Description
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, complete
 from calibench.discrepancy.model.roles import Instrument, Joint, Roles
 from calibench.discrepancy.registries import describe, machines
-from calibench.problems.base import Array, Parameter
+from calibench.problems.base import Parameter
 
 WAY = "direction of "  # before an input: the sign of its last change
 _LONG = 30.0  # s: what takes longer is told beforehand
@@ -68,19 +68,23 @@ class SimulatorMachine:
     name: str = field(default="simulator", init=False)
 
     def code(self) -> str:
-        """Return the digest of the simulator's own code, beside the machine's."""
-        self._one_door()
+        """Return the digest of the simulator's own code, beside the machine's; raise `DataError` for none, or two."""
+        given = [key for key in ("call", "command", "fmu") if getattr(self, key)]
+        if len(given) != 1:
+            both = " and ".join(f"machine.{key}=" for key in given) or "none"
+            raise DataError(
+                f"machine=simulator: {both} is given; one of machine.call=FILE.py:FUNCTION, "
+                'machine.command="./sim {args}" and machine.fmu=FILE is needed'
+            )
         try:
             return calls.code_of(self.call, self.command, self.fmu)
         except ValueError as error:
             raise DataError(f"machine.call={self.call}: {error}") from None
 
     def formulate(self, data: MeasuredData) -> Predicted:
-        """Return the prediction by the calibrated simulator's local model. Raises `DataError` for what does not fit."""
-        self._one_door()
+        code = self.code()
         inputs, numbers, measured = self._declared(data)
         names = Names(inputs, tuple(numbers), tuple(measured))
-        code = self.code()
         there = [c for c in (*inputs, *measured) if c not in data or data[c].dtype.kind not in "iuf"]
         if there:
             raise DataError(f"{data.name}: {there[0]}: no column of numbers; {suggest(there[0], numbers_of(data))}")
@@ -147,15 +151,6 @@ class SimulatorMachine:
             unit="", instruments=sensors, roles=self._roles(data, local, names, clock), slopes=slopes, of_rows=of_rows,
         )  # fmt: skip
 
-    def _one_door(self) -> None:
-        given = [key for key in ("call", "command", "fmu") if getattr(self, key)]
-        if len(given) != 1:
-            both = " and ".join(f"machine.{key}=" for key in given) or "none"
-            raise DataError(
-                f"machine=simulator: {both} is given; one of machine.call=FILE.py:FUNCTION, "
-                'machine.command="./sim {args}" and machine.fmu=FILE is needed'
-            )
-
     def _declared(
         self, data: MeasuredData
     ) -> tuple[tuple[str, ...], dict[str, tuple[float, float, float]], dict[str, float | str | None]]:
@@ -164,10 +159,12 @@ class SimulatorMachine:
         parameters: Any = dict(self.parameters)
         outputs: Any = self.measured
         if self.call:
-            inputs = inputs or self._stated("INPUTS") or ()
-            parameters = parameters or self._stated("PARAMETERS") or {}
-            outputs = outputs or self._stated("OUTPUTS") or ()
-            arguments = inspect.signature(simulators.factory(self.call)).parameters.values()
+            function = simulators.factory(self.call)
+            file = inspect.getmodule(function) if user_file.is_file_path(self.call) else None
+            inputs = inputs or getattr(file, "INPUTS", ())
+            parameters = parameters or getattr(file, "PARAMETERS", {})
+            outputs = outputs or getattr(file, "OUTPUTS", ())
+            arguments = inspect.signature(function).parameters.values()
             if not parameters:
                 parameters = {a.name: a.default for a in arguments if isinstance(a.default, int | float | tuple)}
             if not inputs:
@@ -206,14 +203,6 @@ class SimulatorMachine:
         if twice:
             raise DataError(f"{', '.join(sorted(twice))}: a name is an input, a parameter or measured: one of these")
         return tuple(map(str, inputs)), limits, measured
-
-    def _stated(self, name: str) -> Any:
-        """Return what the file of the function states under `name` (INPUTS, ...); None where it does not."""
-        try:
-            function = simulators.factory(self.call)
-        except ValueError as error:
-            raise DataError(f"machine.call={self.call}: {error}") from None
-        return getattr(inspect.getmodule(function), name, None) if user_file.is_file_path(self.call) else None
 
     def _roles(self, data: MeasuredData, local: LocalModel, names: Names, clock: str) -> Roles:
         def beside(u: str, ending: str, made: str = "") -> str:
@@ -260,7 +249,6 @@ class _OnRows:
         return partial(self.local.predict, rows), partial(self.local.slopes_at, rows)
 
     def remarks(self) -> tuple[Note, ...]:
-        """Return what the search asked of the simulator: the notes of a report."""
         known, local = self.local.caller, self.local
         times = plain(known.rows / max(len(local.inputs), 1), 3)
         noise = max(float(np.max(local.noise / local.scale)), 0.0)
@@ -292,18 +280,14 @@ def _say_beforehand(known: Caller, seconds: float, local: LocalModel) -> None:
 
 def _moved(data: MeasuredData, inputs: Sequence[str], clock: str) -> MeasuredData:
     """Return the data with rate and direction of each input along the clock, where the file has no columns of them."""
-    if not clock or clock in inputs or len(data) < 3:
+    if not clock or clock in inputs:
         return data
     t, at = np.unique(np.asarray(data[clock], dtype=float), return_inverse=True)
-    made: dict[str, Array] = {}
-    for u in (u for u in inputs if u != clock and len(t) >= 3):
-        values = np.bincount(at, np.asarray(data[u], dtype=float), len(t)) / np.bincount(at, minlength=len(t))
-        if f"{u}_vel" not in data:
-            made[f"{RATE}{u}"] = np.gradient(values, t)[at]
-        if f"{u}_dir" not in data:
-            moves = np.sign(np.diff(values, prepend=values[:1]))
-            last = np.maximum.accumulate(np.where(moves != 0, np.arange(len(t)), 0))
-            made[f"{WAY}{u}"] = moves[last][at]
+    made = along_clock(data, [u for u in inputs if f"{u}_vel" not in data], clock)
+    for u in (u for u in inputs if len(t) >= 3 and f"{u}_dir" not in data):
+        values = means_at(data[u], at)
+        moves = np.sign(np.diff(values, prepend=values[:1]))
+        made[f"{WAY}{u}"] = moves[np.maximum.accumulate(np.where(moves != 0, np.arange(len(t)), 0))][at]
     return replace(data.with_columns(made), computed=data.computed | {*made})
 
 

@@ -77,7 +77,7 @@ def _drift(family: EffectFamily, formulation: Formulation, target: str) -> Built
 
 def _step(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     clock = clock_of(formulation, "the table")
-    return family.steps(target, clock, formulation.data[clock], {target: "step"}, formulation.unit)
+    return family.steps(target, clock, formulation.data[clock], {target: ("step", formulation.unit, 1.0)})
 
 
 FAMILIES = (

@@ -20,7 +20,7 @@ from calibench.core.notes import Code
 from calibench.core.options import shown, suggest
 from calibench.core.registry import Registry
 from calibench.core.words import counted, plain
-from calibench.discrepancy.model.formulations import RATE, Predicted, numbers_of
+from calibench.discrepancy.model.formulations import RATE, Predicted, along_clock, numbers_of
 from calibench.discrepancy.model.machine import Description, Numbers, Quantities, Stated
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor
 from calibench.discrepancy.model.roles import Roles
@@ -104,7 +104,6 @@ class Table:
     name: str = field(default="table", init=False)
 
     def formulate(self, data: MeasuredData) -> Predicted:
-        """Return the prediction of the measured column; raise `DataError` for columns that do not fit the function."""
         known(data, "machine.measured", self.measured)
         back, n = self.back, len(data)
         if back and f"{self.measured}_{back}" not in data:
@@ -138,15 +137,8 @@ class Table:
         if self.measured in base.columns:
             raise DataError(f"machine.measured={self.measured}: it is what is predicted, so it can be no input")
         moving = tuple(c for c in base.columns if c != clock)
-        # each of these has its derivative in time
-        if clock and len(data) >= 3:
-            t, at = np.unique(np.asarray(data[clock], dtype=float), return_inverse=True)
-            if len(t) >= 3:
-                count, rates = len(t), {}
-                for name in (name for name in moving if f"{RATE}{name}" not in data):
-                    means = np.bincount(at, np.asarray(data[name], float), count) / np.bincount(at, minlength=count)
-                    rates[f"{RATE}{name}"] = np.gradient(np.asarray(means), t)[at]
-                data = data.with_columns(rates)
+        if clock:
+            data = data.with_columns(along_clock(data, [c for c in moving if f"{RATE}{c}" not in data], clock))
         if not covariates:
             data, covariates = self._followed(data, base)
         free = {name: at for name, at in base.starts.items() if name not in self.held}
