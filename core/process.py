@@ -1,4 +1,4 @@
-"""What a `bench` process does with its end, its garbage collector, and the threads of BLAS.
+"""What a `bench` process does with its end, its garbage collector, the threads of BLAS, and one that tells progress.
 
 It ends at once, after everything that anybody registered for the end has been done: an interpreter that ends in its own
 way takes all modules apart before, some 6 % of the time of a small run. The collector rests while modules are loaded:
@@ -12,7 +12,8 @@ import atexit
 import gc
 import os
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from typing import TYPE_CHECKING
@@ -46,6 +47,26 @@ def _leave() -> None:
         with suppress(OSError, AttributeError):
             sys.modules["ctypes"].CDLL(None).fflush(None)
     os._exit(_code[0])
+
+
+@contextmanager
+def meanwhile(look: Callable[[], object], first: float, every: float) -> Iterator[None]:
+    """Call `look` from another thread `first` seconds after the block began, and so `every` so many, until it ends."""
+    ended = threading.Event()
+
+    def looking() -> None:
+        pause = first
+        while not ended.wait(pause):
+            look()
+            pause = every
+
+    thread = threading.Thread(target=looking, name="progress", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 @cache

@@ -10,7 +10,7 @@ import os
 import shlex
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -22,7 +22,6 @@ import numpy as np
 
 from calibench import discrepancy
 from calibench.bench.discovery.store import FindingStore, SearchRecord
-from calibench.bench.execution.in_progress import looked_at
 from calibench.bench.gate.endings import place_of, text_of
 from calibench.bench.gate.processes import CAN_FORK, WorkerPool
 from calibench.bench.measured.files import pairs_of
@@ -34,6 +33,7 @@ from calibench.bench.verbs import DesignWords, DiscoverWords
 from calibench.bench.words import RequestError, check_study, keys_of, read, read_workers
 from calibench.core.notes import Code, Note
 from calibench.core.options import Option, coerce, declared_options, read_word, suggest
+from calibench.core.process import meanwhile
 from calibench.core.seeds import digest
 from calibench.core.sources import module_digest
 from calibench.core.words import one_line, print_plain
@@ -274,19 +274,14 @@ def search_all(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcom
 _SOON, _EVERY = 5.0, 30.0  # s of a search after which its first line, and each further one, is told
 
 
-@contextmanager
-def _telling(case: str) -> Iterator[None]:
+def _telling(case: str) -> AbstractContextManager[None]:
     """Tell on the terminal, while a search takes long, that it goes on."""
-    began, told = monotonic(), 0
+    began = monotonic()
 
     def tell() -> None:
-        nonlocal told
-        if (took := monotonic() - began) >= _SOON + told * _EVERY:
-            told += 1
-            print_plain(f"  searching {case}, {took:.0f} s so far", file=sys.stderr, flush=True)
+        print_plain(f"  searching {case}, {monotonic() - began:.0f} s so far", file=sys.stderr, flush=True)
 
-    with looked_at(tell, _SOON):
-        yield
+    return meanwhile(tell, _SOON, _EVERY)
 
 
 def others_of(named: str, machine: str) -> list[Source]:

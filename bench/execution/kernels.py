@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from calibench import optimizers, problems
-from calibench.bench.execution.run import Spec, compile_problem
+from calibench.bench.execution.run import Spec, asks_slopes, compile_problem
 from calibench.bench.gate.evaluator import Evaluator, scans
 from calibench.bench.gate.face import looks
 from calibench.bench.gate.processes import ProcessDied, at_once
@@ -54,11 +54,12 @@ def load_kernels(specs: Iterable[Spec], fork: bool = True, compiling: Callable[[
                 for word, part in made.items()
                 if part is not None
             }
-            noted = {f"{word} {module_digest(module)}": word for word, module in own.items()}
+            asked = {word: [made.get(method) for method in beside.get(word, ())] for word in own}
+            noted = {f"{word} {asks_slopes(asked[word])} {module_digest(own[word])}": word for word in own}
             new = unseen(noted)
-            by_module: dict[str, list[Any]] = {}
+            by_module: dict[str, list[tuple[Any, list[Any]]]] = {}
             for word in map(noted.__getitem__, new):
-                by_module.setdefault(own[word], []).append(made[word])
+                by_module.setdefault(own[word], []).append((made[word], asked[word]))
             if len(by_module) > 1:
                 if any(extra_of(made[noted[word]], "compile") for word in new):
                     tell_compiling()
@@ -113,13 +114,14 @@ def _needed(part: Part) -> str:
     return _word(part) if is_own(registry, name) else "" if ":" in name else name
 
 
-def _compile(parts: Sequence[Any]) -> None:
-    for part in parts:
+def _compile(parts: Sequence[tuple[Any, Sequence[Any]]]) -> None:
+    for part, methods in parts:
         with suppress(Exception):  # the rows of its runs will have the error
-            if extra_of(part, "compile"):
-                part.compile()
-            if hasattr(part, "start"):
+            if methods:
+                compile_problem(part, *methods)
                 _load_around(part)
+            elif extra_of(part, "compile"):
+                part.compile()
 
 
 def _load_around(problem: Any) -> None:

@@ -6,7 +6,7 @@ Converged, exhausted, on target or crashed: the row says which. Compilation happ
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -428,15 +428,21 @@ def compile_parts(problem: Any, optimizer: Any) -> Ending | None:
 
 def compile_problem(problem: Any, *optimizers: Any) -> None:
     """Compile what `optimizers` will call; of a problem with `compile_values` the values alone, if they ask no more."""
-    traits = [getattr(optimizer, "traits", None) for optimizer in optimizers]
-    asked = [getattr(one, trait, True) for one in traits for trait in ("uses_residuals", "uses_gradient")]
-    if not any(asked) and extra_of(problem, "compile_values"):
+    if not asks_slopes(optimizers) and extra_of(problem, "compile_values"):
         problem.compile_values()
     elif extra_of(problem, "compile"):
         problem.compile()
     below = None if is_foreign(problem) else extra_of(problem, "batch_below")
     if below and any(getattr(one, "early_abandon", is_foreign(one)) for one in optimizers):
         below(problem.start[None].copy(), np.zeros(1))
+
+
+def asks_slopes(optimizers: Iterable[Any]) -> bool:
+    """Tell whether any of these methods asks for more than values, or does not say so; true too where none is given."""
+    traits = [getattr(optimizer, "traits", None) for optimizer in optimizers]
+    return not traits or any(
+        getattr(one, trait, True) for one in traits for trait in ("uses_residuals", "uses_gradient")
+    )
 
 
 def check_merit(problem: Any) -> Ending | None:

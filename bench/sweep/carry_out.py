@@ -8,12 +8,11 @@ reads the folder of the study, where workers, here or elsewhere, write how far l
 from __future__ import annotations
 
 import sys
-import threading
 import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import closing, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from html import escape
 from importlib import import_module
@@ -39,6 +38,7 @@ from calibench.bench.sweep.words import Execution, read_execution
 from calibench.bench.words import RequestError
 from calibench.bench.workers.carrier import Carrier, How, Job, Packs, Serial
 from calibench.bench.workers.processes import Processes, printed_files
+from calibench.core.process import meanwhile
 from calibench.core.words import counted, print_plain as print, printable
 
 if TYPE_CHECKING:
@@ -394,27 +394,16 @@ class _Log:
         print(text, file=sys.stderr, flush=True)
 
 
-@contextmanager
-def _looking(folder: Path | None, every: float, tell: Callable[[list[Running]], None]) -> Iterator[None]:
+def _looking(folder: Path | None, every: float, tell: Callable[[list[Running]], None]) -> AbstractContextManager[None]:
     if folder is None:
-        yield
-        return
-    ended = threading.Event()
+        return nullcontext()
 
     def look() -> None:
-        while not ended.wait(every):
-            with suppress(OSError):
-                runs = read_running(folder)
-                if runs:
-                    tell(runs)
+        with suppress(OSError):
+            if runs := read_running(folder):
+                tell(runs)
 
-    thread = threading.Thread(target=look, name="progress", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
+    return meanwhile(look, every, every)
 
 
 def sweep(*arguments: str, way: Way = "ask", progress: bool = False) -> pd.DataFrame:

@@ -3,7 +3,8 @@
 A Jacobian or gradient is charged `dimension` evaluations, however long it takes. The counts times these costs give the
 seconds that the objective itself took in a run: a second currency, which is reported beside the first and never
 charged. Costs are measured once for each problem, before its first run and outside every run's clock, and kept in the
-study's manifest.
+study's manifest. Of our own problems, whose other calls would have to be compiled first, methods that ask for values
+alone have those measured.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench import problems
+from calibench import optimizers, problems
 from calibench.bench.execution.request import foreign_modules, is_stochastic, seeded
+from calibench.bench.execution.run import asks_slopes, compile_problem
 from calibench.bench.gate.processes import CAN_FORK, Sender, forked
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical, name_of, options_of
@@ -28,6 +30,7 @@ from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.summary import KINDS, key_of_costs
 from calibench.bench.workers.processes import nothing_printed
 from calibench.core.own_state import kept
+from calibench.core.sources import is_foreign
 from calibench.problems.base import extra_of
 
 if TYPE_CHECKING:
@@ -60,8 +63,12 @@ def measured(specs: Iterable[Spec], known: Iterable[Mapping[str, Any]] = ()) -> 
 
     A problem that takes the child down, or does not answer in time, has the kinds that were measured until then.
     """
-    done = {key_of_costs(record) for record in known}
-    left = list({problem_of(s): s for s in specs}.values())
+    done = {(*key_of_costs(record), kind) for record in known for kind in record if kind in KINDS}
+    cells = {(s.problem, id(s.problem_options), s.optimizer, id(s.optimizer_options)): s for s in specs}
+    by_problem: dict[tuple[str, str], list[Spec]] = {}
+    for spec in cells.values():
+        by_problem.setdefault(problem_of(spec), []).append(spec)
+    left = list(by_problem.values())
     while left:
         for record in (_in_a_child if CAN_FORK else _here)(list(left), done):
             del left[0]
@@ -95,9 +102,10 @@ def seconds_a_call(
 
 
 def costs_of(
-    problem: Any, tell: Callable[[str, float], None] = lambda _kind, _seconds: None, seconds: float = _MEASURING
-) -> dict[str, float | None]:
-    """Return seconds a call, by kind, as medians of interleaved repeats; None where a problem has no such call.
+    problem: Any, tell: Callable[[str, float], None] = lambda _kind, _seconds: None, seconds: float = _MEASURING,
+    kinds: Sequence[str] = KINDS,
+) -> dict[str, float | None]:  # fmt: skip
+    """Return seconds a call, by `kinds`, as medians of interleaved repeats; None where a problem has no such call.
 
     Each call gets another point than the one before, so that what remembers its last answer pays. The first call of a
     kind may compile and is not counted; `tell` hears of the second.
@@ -107,12 +115,14 @@ def costs_of(
     points = _points(problem)
     both = "value_and_gradient"
     slope = "gradient" if getattr(problem, "gradient", None) else both  # as the gate asks for a gradient alone
-    for kind, name in zip(KINDS, ("__call__", "batch", "residuals", "jacobian", slope, both), strict=True):
+    names = dict(zip(KINDS, ("__call__", "batch", "residuals", "jacobian", slope, both), strict=True))
+    for kind in kinds:
+        name = names[kind]
         call = getattr(problem, name, None)
         if call is not None:
             given = [np.roll(points, -k, axis=0)[:_CANDIDATES] for k in range(4)] if name == "batch" else list(points)
             calls[kind] = call, given, _CANDIDATES if name == "batch" else 1
-    found: dict[str, float | None] = dict.fromkeys(KINDS)
+    found: dict[str, float | None] = dict.fromkeys(kinds)
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         first: dict[str, float] = {}
@@ -152,7 +162,7 @@ def unlike(problem: Any, record: Mapping[str, Any]) -> dict[str, tuple[Any, ...]
             if abs(first - second) > _ROUNDING * max(abs(first), abs(second)):
                 return {UNLIKE: (first, second)}
             slope = _wrong_slope(problem, record)
-            if not _is_quick(record[KINDS[2]]):
+            if not _is_quick(record.get(KINDS[2])):
                 return slope
             squared = float(np.sum(np.square(problem.residuals(start.copy()))))
     except Exception:  # the rows of its runs will have the error
@@ -191,29 +201,35 @@ def _is_quick(seconds: float | None) -> bool:  # None: not known, or there is no
     return seconds is not None and seconds <= _QUICK
 
 
-def _here(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record | None]:
+def _here(cells: Sequence[Sequence[Spec]], done: set[tuple[Any, ...]]) -> Iterator[Record | None]:
     """Yield the costs of each problem, measured in this process; None of one that is known or cannot be made."""
-    for spec in specs:
+    for specs in cells:
         parts: list[Record] = []
-        fails = _measure(spec, done, parts.append, len(specs))
+        fails = _measure(specs, done, parts.append, len(cells))
         yield None if fails or not parts else {key: value for part in parts for key, value in part.items()}
 
 
-def _measure(spec: Spec, done: set[tuple[Any, ...]], tell: Callable[[Record], None], count: int) -> bool:
-    """Tell of one of `count` problems, part by part, what its calls take, if not `done`; return whether it fails."""
+def _measure(specs: Sequence[Spec], done: set[tuple[Any, ...]], tell: Callable[[Record], None], count: int) -> bool:
+    """Tell of one of `count` problems, part by part, what its calls take, if not `done`; return whether it fails.
+
+    `specs` are of one problem, and of each method that is run on it.
+    """
+    spec = specs[0]
     try:
         with nothing_printed(), kept(*foreign_modules(problems.registry, spec.problem)):
             problem: Any = problems.make(spec.problem, **spec.problem_options)
             names = (name_of(problem), canonical(options_of(problem)), extra_of(problem, "data_id", ""))
-            if names in done:
+            beside = () if is_foreign(problem) else specs
+            methods = [optimizers.make(one.optimizer, **one.optimizer_options) for one in beside]
+            kinds = KINDS if asks_slopes(methods) else KINDS[:2]
+            if all((*names, kind) in done for kind in kinds):
                 return False
-            if extra_of(problem, "compile"):
-                problem.compile()
-            said = {"dimension": len(problem.lower), **dict.fromkeys(KINDS), "platform": provenance()["platform"]}
+            compile_problem(problem, *methods)
+            said = {"dimension": len(problem.lower), **dict.fromkeys(kinds), "platform": provenance()["platform"]}
             named = dict(zip(PROBLEM, names, strict=True))
             tell(named | said | {"measured_at": datetime.now(UTC).isoformat()})
             seconds = min(_MEASURING, _ALL / max(1, count))
-            known = costs_of(problem, lambda kind, took: tell({kind: took}), seconds)
+            known = costs_of(problem, lambda kind, took: tell({kind: took}), seconds, kinds)
             tell(known)
             tell(unlike(problem, known))
     except Exception:  # the rows of its runs will have the error
@@ -221,16 +237,16 @@ def _measure(spec: Spec, done: set[tuple[Any, ...]], tell: Callable[[Record], No
     return False
 
 
-def _in_a_child(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record | None]:
+def _in_a_child(cells: Sequence[Sequence[Spec]], done: set[tuple[Any, ...]]) -> Iterator[Record | None]:
     """Yield likewise from one child, until all are done or it is lost."""
 
     def work(theirs: Sender) -> None:
-        for spec in specs:
-            _measure(spec, done, theirs.send, len(specs))
+        for specs in cells:
+            _measure(specs, done, theirs.send, len(cells))
             theirs.send(None)
 
     with forked(work) as (_, ours):
-        for _ in specs:
+        for _ in cells:
             record: Record | None = None
             end, goes_on = perf_counter() + _READY, False
             with suppress(EOFError):  # the problem ended the child's process

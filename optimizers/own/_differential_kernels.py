@@ -12,17 +12,13 @@ from numpy.typing import NDArray
 from calibench.core.compilation.compiled import njit, part
 from calibench.core.compilation.lanes import LANES, cross
 from calibench.optimizers.base import Array
-from calibench.optimizers.own._random_kernels import WHOLE, State, between, halves, scaled, singles
+from calibench.optimizers.own._random_kernels import WHOLE, State, halves, scaled, singles
 
 
-@njit()
 def initialize(size: int, lower: Array, upper: Array, state: State) -> Array:
     """Return a uniform random population, shape (size, dim)."""
-    population = np.empty((size, lower.shape[0]))
-    for i in range(size):
-        for j in range(lower.shape[0]):
-            population[i, j] = between(state, lower[j], upper[j])
-    return population
+    drawn = singles(state, size * len(lower)).reshape(size, -1)
+    return np.minimum(lower + drawn * (upper - lower), upper)
 
 
 @njit()

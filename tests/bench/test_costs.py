@@ -215,6 +215,17 @@ def test_a_value_that_is_not_the_sum_of_the_squared_residuals_is_told_before_the
     assert "two_goals:Half: at its start the value is 0.16 and the sum of its squared residuals 0.32" in told
 
 
+def test_only_what_its_methods_call_is_measured_of_a_problem_of_ours_and_more_once_another_asks():
+    de, lm = (Spec("sensor_zero", {}, name, {}, 10, 0) for name in ("de", "lm"))
+    (values,) = costs.measured([de, de])
+    assert [kind for kind in KINDS if kind in values] == ["value_s", "batch_s"]
+    assert not list(costs.measured([de], [values]))
+    (more,) = costs.measured([de, lm], [values])
+    assert more["residuals_s"] > 0
+    assert more["jacobian_s"] > 0
+    assert not list(costs.measured([de, lm], [values, more]))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("sign", "named"), [("", 0), ("-", 1)])
 @pytest.mark.parametrize("kind", ["gradient", "jacobian"])

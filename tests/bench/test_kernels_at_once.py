@@ -27,15 +27,16 @@ def book(tmp_path, monkeypatch):
     compiled.cache_folder.cache_clear()
 
     def make(name, **options):
-        def compile():
+        def compile(part=""):
             with book.open("a") as file:
-                file.write(f"{name} {os.getpid()}\n")
+                file.write(f"{name}{part} {os.getpid()}\n")
 
-        return SimpleNamespace(compile=compile)
+        traits = SimpleNamespace(uses_residuals=name == "lm", uses_gradient=name == "lm")
+        return SimpleNamespace(compile=compile, compile_values=lambda: compile("'s values"), traits=traits)
 
     monkeypatch.setattr(problems.registry, "make", make)
     monkeypatch.setattr(optimizers.registry, "make", make)
-    yield lambda: [line.split() for line in book.read_text().splitlines()]
+    yield lambda: [line.rsplit(maxsplit=1) for line in book.read_text().splitlines()]
     compiled.cache_folder.cache_clear()
 
 
@@ -52,6 +53,14 @@ def test_what_was_compiled_before_is_loaded_and_no_process_begins(book):
     before = len(book())
     kernels.load_kernels(SPECS)
     assert {pid for _, pid in book()[before:]} == {str(os.getpid())}
+
+
+def test_residuals_are_compiled_in_no_process_before_a_method_asks_for_them(book):
+    kernels.load_kernels(SPECS[::2])
+    names = {name for name, _ in book()}
+    assert names == {"sensor_zero's values", "orthoglide6's values", "de"}
+    kernels.load_kernels(SPECS)
+    assert {name for name, pid in book() if pid != str(os.getpid())} == names | {"sensor_zero", "orthoglide6", "lm"}
 
 
 def test_compiling_is_told_where_a_kernel_is_compiled_and_not_where_it_is_loaded():
