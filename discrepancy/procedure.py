@@ -138,7 +138,10 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
         untold = any(map(np.ndim, base.noise.extra.values())) and all(s.family == "outlier" for s in suspects)
         if standing is None and (untold or _is_large(final, gap, unseen, suspects, None)):
             standing = rows_far_off(base, whole.on(whole.data.with_columns(smooth_columns(whole, base.x))))
-        if _is_large(final, gap, unseen, suspects, standing) or (first.no_noise and standing is None):
+        # a burst of noise ends: what goes on to an end of the run, some rows long, may be there still
+        ends = {*whole.data.row_numbers[[0, -1]].tolist()}
+        lasts = standing is not None and any(len(run) > 2 and ends & {*run} for run in standing.runs)
+        if _is_large(final, gap, unseen, suspects, standing) or (first.no_noise and standing is None) or lasts:
             verdict, final = "unknown", fit_smooth(base, free)
             gap, lone = gap_of(base, final, unseen, suspects, rng)
         elif standing is not None:

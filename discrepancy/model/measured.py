@@ -8,7 +8,7 @@ nested lists, a whole number too large for a float. This room reads no files: `b
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite, nan
 from typing import Any, final
@@ -304,6 +304,13 @@ def _numbers(data: MeasuredData, name: str) -> Array:
         first = str(column[:1].tolist()[0])
         raise DataError(f"{data.name}: column {name} holds {first!r}: numbers are needed{way_out(first, '')}")
     return np.asarray(column, dtype=float)
+
+
+def refuse_rows(data: MeasuredData, good: NDArray[np.bool_], why: Callable[[int], str]) -> None:
+    """Raise `DataError` for the first row that is not `good`, (n,), and `why` the row of that index is not."""
+    if not good.all():
+        k = int(np.argmin(good))
+        raise DataError(f"{data.name}: {data.rows_named(np.array([k]))}: {why(k)}")
 
 
 _SMALLEST, _LARGEST = 1e-15, 1e6  # of a noise or a resolution [rad, mm, N]: beyond these, squares lose their digits

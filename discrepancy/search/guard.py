@@ -28,7 +28,8 @@ from calibench.discrepancy.model.roles import roles_of
 from calibench.discrepancy.noise.whiten import Whitener, whitener
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.report import Caution, Doubt, Finding
-from calibench.discrepancy.search.form import forms_of
+from calibench.discrepancy.search.form import MOST, forms_of
+from calibench.discrepancy.search.select import Option
 from calibench.discrepancy.search.smoother import Component
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
@@ -65,9 +66,12 @@ class Account:
 
 
 def with_doubts(
-    findings: Sequence[Finding], at: Fit, terms: Sequence[SmoothTerm]
+    findings: Sequence[Finding], at: Fit, terms: Sequence[SmoothTerm], sets: Sequence[Sequence[Option]]
 ) -> tuple[tuple[Finding, ...], bool]:  # fmt: skip
-    """Return the findings, with a caution where another cause may be behind a name, and whether there is such a one."""
+    """Return the findings, with a caution where another cause may be behind a name, and whether there is such a one.
+
+    A name of so many numbers that it is nearly any function stands where a simpler one of its set does.
+    """
     effects = {f"{e.family} {e.target}": e for e in at.model.effects}
     part = description_of(at.model.formulation.data.machine).part_of
     groups: dict[str, list[Finding]] = {}
@@ -81,6 +85,10 @@ def with_doubts(
         named = [effects[one.effect] for one in sure]
         errors = [effects[one.effect] for one in own if one not in sure]
         columns, instead = _doubt(at, terms, named, errors, claims)
+        if columns and _is_rich(named[0]):
+            rivals = [o for one in sets if [one[0].effect] == named for o in one if len(o.fit.r)]
+            if any(not _doubt(o.fit, terms, [o.effect], (), claims)[0] for o in rivals if not _is_rich(o.effect)):
+                continue
         doubt = Caution(Doubt.ONE_CAUSE, columns, sure[0].target) if instead else Caution(Doubt.OTHER_CAUSE, columns)
         doubts |= {one.effect: doubt for one in own if columns and one.effect not in doubts}
     some = (
@@ -124,15 +132,30 @@ def _doubt(
     rest = max(tried, key=lambda one: one.larger if {*one.columns} <= known else one.beside)
     more = rest.larger if {*rest.columns} <= known else rest.beside
     # a function of what the only name is a function of says no other thing than the name; but all that is slow has some
-    # course in time and over the temperature, and a line is the cause there only where no free course is likelier
+    # course in time and over the temperature, and a line is the cause there only where no free course is likelier; and
+    # a formula of so many numbers that it is nearly any function says more than one only where it is surely likelier
     same = own[name_of(named[0])] if claims == 1 else set()
     roles = roles_of(at.model.formulation)
     slow = {*named[0].columns} and {*named[0].columns} <= {roles.time, roles.temperature}
-    least = {True: 0.0 if slow else np.inf, False: t.close / 2 - _FURTHER * (claims - 1)}
+    # several names on one part are rare, and rarer where their sizes depend on what their formulas do not have
+    more_claims = claims - 1 + (sum(_is_bent(e, own[name_of(e)], at) for e in named) if claims > 1 else 0)
+    least = {
+        True: -t.close / 2 if _is_rich(named[0]) else 0.0 if slow else np.inf,
+        False: t.close / 2 - _FURTHER * more_claims,
+    }
     ahead, columns = max((one.alone - exact - least[{*one.columns} <= same], one.columns) for one in tried)
     if ahead > 0:
         return columns, True
     return (rest.columns if more - within > (t.further_gain + t.close) / 2 else ()), False
+
+
+def _is_rich(effect: Effect) -> bool:
+    return len(effect.coefficients) > MOST
+
+
+def _is_bent(effect: Effect, own: set[str], at: Fit) -> bool:
+    over = {slow.column for form in forms_of(effect, at.model.effects) for slow in form.over}
+    return not over <= {*own, *effect.columns}
 
 
 def accounts(

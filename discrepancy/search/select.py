@@ -14,7 +14,7 @@ import numpy as np
 
 from calibench.discrepancy.diagnostics import score
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
-from calibench.discrepancy.fitting.fit import Fit, fit_once, once
+from calibench.discrepancy.fitting.fit import Fit, fit_once, once, project_off
 from calibench.discrepancy.model import effect as effects
 from calibench.discrepancy.model.effect import Effect, is_possible, name_of
 from calibench.discrepancy.model.measured import MeasuredData
@@ -142,8 +142,16 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     where = {part_of(s.effect.target) for s in near[:2]}
     bent = [s for s in ranked if s not in near and s.seen.visible < t.bent and part_of(s.effect.target) in where]
     found: list[Option] = []
+    # scores that are cut where tails are heavy may show another form of a large effect as the best than whole ones do
+    whole = replace(on, y=project_off(replace(base.noise, t_degrees=np.inf).scores(base.r), on.Q))
+    names = {s.name for s in (*near, *bent)} if np.isfinite(base.noise.t_degrees) else set()
+    forms = [s.effect for s in tests.names if s.name in names]
+    others = {s.name: s for s in best_of_each([s for s, _ in score.score_all(base, whole, forms, sums=True)], whole)}
     for scored in (*near, *bent):
         one = option(base, scored, on)
+        other = others.get(scored.name, scored)
+        if other.effect is not scored.effect and other.m:
+            one = max(one, option(base, other, whole), key=lambda o: o.gain)
         if is_possible(one.effect, one.amplitude):
             found.append(one)
             if len(base.r) >= t.drawn_rows:  # the arrays of all of them would take gigabytes

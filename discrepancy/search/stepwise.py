@@ -18,7 +18,7 @@ import numpy as np
 from calibench.discrepancy.diagnostics import score
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit, fit
-from calibench.discrepancy.model.effect import Alternative, Effect, name_of, still_open
+from calibench.discrepancy.model.effect import Alternative, Effect, name_of, still_open, whole_of
 from calibench.discrepancy.noise.laws import OF_NOISE, NoiseFinding
 from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.report import Amplitude, Finding, Rival, Shuffled, Verdict
@@ -40,6 +40,7 @@ _NOTHING_LEFT = 2  # degrees of freedom: with fewer left nothing could check a n
 _SAME = 1e-4  # squared length of a direction beside the other candidate: below this both have the direction in common
 # part of a column's square that is added, so that a direction that only the left-out poses determine is held
 _HELD = 1e-9
+_HALF = 0.5  # of the shuffles
 _ASKED = 20  # of the tests with the smallest p, whether they hold where noise differs from row to row
 
 
@@ -433,7 +434,7 @@ def judge(
         blamed.append(noise)
     verdict, findings = _verdict_of(selection, base, blamed, level)
     if doubts and verdict in ("named", "ambiguous", "partly"):
-        findings, foreign = guard.with_doubts(findings, selection.fit, terms)
+        findings, foreign = guard.with_doubts(findings, selection.fit, terms, selection.sets)
         verdict = "partly" if foreign else verdict
     if verdict != "unknown":
         return verdict, findings, selection
@@ -453,14 +454,18 @@ def held_by_order(
 ) -> tuple[Selection, Controls]:
     """Return the selection without names that shuffled rows have as well, and the control of those that stay.
 
-    The worst goes first, as one of two names may only be there because of the other.
+    The worst goes first, as one of two names may only be there because of the other. A rival claims nothing, and few
+    rows may not show its order: it goes only where half of the shuffles have as much.
     """
     while True:
         told = controls(selection.fit, [[o.effect for o in own] for own in selection.sets], candidates)
-        worst = max((one.p for some in told for one in some.values()), default=0.0)
-        if worst <= thresholds().shuffled_p:
+        beyond = {
+            name: one.p for own, some in zip(selection.sets, told) for name, one in some.items()
+            if one.p > (thresholds().shuffled_p if name == own[0].name else _HALF)
+        }  # fmt: skip
+        if not beyond:
             return selection, (selection.fit, {name: one for some in told for name, one in some.items()})
-        out = {name for some in told for name, one in some.items() if one.p == worst}
+        out = {name for name, p in beyond.items() if p == max(beyond.values())}
         names, kept = {own[0].name for own in selection.sets} - out, []
         for own in selection.sets:  # a rival that takes the place of a name must not be a name of another set
             taken = out if own[0].name in names else out | names
@@ -528,8 +533,11 @@ def _verdict_of(
         return "unknown", ()
     found = []
     for own in sets:
-        words = forming.form_words(own[0].effect, selection.forms, at.model.formulation)
-        found.append(replace(finding_of(at, own), form=words))
+        # sine and cosine of one wave are one curve: the form of one is that of both
+        wave = whole_of(own[0].effect)
+        alike = [o.effect for o, *_ in sets if wave is not None and o.effect.family in wave.coefficients]
+        told = (forming.form_words(e, selection.forms, at.model.formulation) for e in (own[0].effect, *alike))
+        found.append(replace(finding_of(at, own), form=next(filter(None, told), "")))
     named = with_cautions(found, {own[0].name: energy_of(own[0]) / len(at.r) for own in sets})
     if plainly:
         named = (replace(named[0], form=named[0].form or forming.FORM_DIFFERS), *named[1:])

@@ -44,6 +44,35 @@ def test_a_line_in_time_is_no_plain_drift_where_a_free_course_is_likelier() -> N
     assert Doubt.ONE_CAUSE in said["findings"][0]["caution"]
 
 
+def test_a_series_of_waves_names_nothing_where_a_free_course_is_as_likely() -> None:
+    said = told("foreign", 975145)
+    assert said["cause"] == "sag"  # to one side only
+    assert [f["family"] for f in said["findings"]] == ["angle_error"]
+    assert said["verdict"] == "partly"
+    assert Doubt.ONE_CAUSE in said["findings"][0]["caution"]
+
+
+def test_a_series_stands_where_a_simpler_formula_of_its_set_does() -> None:
+    said = told("off_form", 971109)
+    assert said["cause"] == "eccentricity"
+    assert said["findings"][0]["set"][:2] == ["angle_error d", "eccentricity d"]
+    assert said["verdict"] == "ambiguous"
+    assert not said["findings"][0]["caution"]
+
+
+def test_several_names_whose_sizes_all_depend_on_another_column_are_no_plain_names() -> None:
+    said = told("foreign", 970071)
+    assert (said["machine"], said["cause"]) == ("mount", "flex")
+    assert said["verdict"] == "partly"
+    assert all(Doubt.ONE_CAUSE in f["caution"] for f in said["findings"])
+
+
+def test_the_form_of_a_sine_is_that_of_its_cosine() -> None:
+    said = told("foreign", 975135)
+    assert {f["effect"] for f in said["findings"]} == {"ACES mount", "ACEC mount"}
+    assert all(f["form"] == "size depends on the azimuth" for f in said["findings"])
+
+
 def test_the_sine_and_the_cosine_of_a_circle_off_its_centre_are_one_cause() -> None:
     said = told("off_form", 951048)
     assert {"ACES mount", "ACEC mount"} < {f["effect"] for f in said["findings"]}

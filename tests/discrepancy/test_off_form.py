@@ -34,6 +34,7 @@ from calibench.discrepancy.search.form import (
 from calibench.discrepancy.search.select import close, options, run_tests
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds
 from calibench.problems.base import Parameter
+from tests.foreign.run import told
 from tests.independent import mount
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
@@ -71,6 +72,12 @@ def test_without_a_stated_noise_the_error_of_a_form_shuts_no_rival_out(k: int, t
     night = mount.case(k, base=35000)
     report = explain("mount", MeasuredData(night.columns, "mount", night.stated, "night"))
     assert {f"{truth} mount", f"{rival} mount"} <= {one.effect for one in report.findings[0].set}
+
+
+def test_scores_that_heavy_tails_cut_choose_no_form_of_a_large_effect() -> None:
+    said = told("off_form", 971149)  # of time constants of the warmth the cut scores prefer one far too long
+    assert (said["law"], said["cause"]) == ("t4", "thermal_zero")
+    assert (said["verdict"], [f["effect"] for f in said["findings"]]) == ("named", ["thermal_zero a"])
 
 
 def test_a_random_curve_has_mean_zero_and_rms_one_where_its_argument_is_known() -> None:

@@ -140,3 +140,11 @@ def test_a_calibration_that_runs_away_without_some_poses_tells_no_gap_on_unseen_
     report = discrepancy.explain("orthoglide", data.with_columns({"deviation": data["deviation"] + noise + off}))
     assert report.gap.train_after < report.gap.train_before
     assert np.isnan(report.gap.held_out_before)
+
+
+def test_a_refused_row_has_its_number_in_the_file_where_rows_before_it_were_left_out() -> None:
+    data = printed("exp2")
+    deviation, passes = data["deviation"].copy(), data["pass"].astype("U4")
+    deviation[0], passes[2] = np.nan, "back"
+    with pytest.raises(DataError, match="row 3: pass=back"):
+        machines.make("orthoglide").formulate(data.with_columns({"deviation": deviation, "pass": passes}))

@@ -245,9 +245,8 @@ def accepted(data: MeasuredData) -> MeasuredData:
         columns[name] = np.zeros(len(data))
         if own.any():
             columns[name] = _finite(data, name, np.where(own, np.asarray(data[name], dtype=float), 0.0))
-    short = np.flatnonzero(printed & ~(columns["distance"] > 0))
-    if len(short):
-        raise DataError(f"{data.name}: column distance, row {short[0] + 1}: a length is above 0 mm")
+    long = ~printed | (columns["distance"] > 0)
+    measured.refuse_rows(data, long, lambda k: "column distance: a length is above 0 mm")
     for name in (f"direction_{t}" for t in TOWERS):
         if name in data:  # -1 or 1; 0 in a row of a distance, which has two ends
             column = np.asarray(data[name], dtype=float)
@@ -258,12 +257,12 @@ def accepted(data: MeasuredData) -> MeasuredData:
     for end, own in (("", np.ones(len(data), dtype=bool)), ("_2", printed)):
         met = _meet(data, end, own)
         if not met.all():
-            row = int(np.flatnonzero(own)[np.flatnonzero(~met)[0]]) + 1
+            row = data.rows_named(np.flatnonzero(own)[np.flatnonzero(~met)[:1]])
             hint = "check steps_per_mm, arm and radius (steps and ways count down from the endstops)"
             names = [f"travel_{t}{at}" for at in ("", "_2") for t in TOWERS if f"travel_{t}{at}" in data]
             if not any(f"steps_{t}" in data for t in TOWERS) and _meet(data, end, own, 0.001).all():
                 hint = "they meet where the ways are in mm: units=" + ",".join(f"{name}:mm" for name in names)
-            raise DataError(f"{data.name}: row {row}: rods of this length cannot meet there; {hint}")
+            raise DataError(f"{data.name}: {row}: rods of this length cannot meet there; {hint}")
     return data
 
 
@@ -328,7 +327,5 @@ def _meet(data: MeasuredData, end: str, own: Any, size: float = 1.0) -> Any:
 
 
 def _finite(data: MeasuredData, name: str, column: Array) -> Array:
-    bad = np.flatnonzero(~np.isfinite(column))
-    if len(bad):
-        raise DataError(f"{data.name}: column {name}, row {bad[0] + 1}: no finite number; leave that row out")
+    measured.refuse_rows(data, np.isfinite(column), lambda k: f"column {name}: no finite number; leave that row out")
     return column

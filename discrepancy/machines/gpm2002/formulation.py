@@ -16,7 +16,6 @@ from itertools import chain, product
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibench.core.notes import Code
 from calibench.core.options import shown, suggest
@@ -327,7 +326,8 @@ ENCODERS = ("enc_1", "enc_2", "enc_3")
 SHARED = ("t_s", "temp_K", "speed", "heading", "load_x", "load_y")
 OWN = ("vel", "dir", "tau", "axial")
 COVARIATES = (*SHARED, *(f"{kind}_{i}" for kind in OWN for i in LEGS))
-_KNOWN = (*ENCODERS, "x", "y", *COVARIATES, "pose_id", "visit_id", "repeat", "split", "valid")
+_NUMBERS = (*ENCODERS, "x", "y", *COVARIATES, "repeat")
+_KNOWN = (*_NUMBERS, "pose_id", "visit_id", "split", "valid")
 _MOST_TEETH = 1e6  # of a gear: a tooth has an angle that doubles still tell
 _SPARE = 0.05  # of the rows may go for the sake of a covariate that is not a number there; beyond, the column goes
 
@@ -337,13 +337,13 @@ def _validated(data: MeasuredData) -> MeasuredData:
     if stated != "gpm2002":
         raise DataError(f"{data.name}: these data are of machine {stated!r}; machine=gpm2002 cannot use them")
     missing = [column for column in ENCODERS if column not in data]
-    if len(missing) == len(ENCODERS) and not any(_nearest(column, list(data.columns)) for column in missing):
+    near = {column: name for column in missing if (name := _nearest(column, list(data.in_file)))}
+    if len(missing) == len(ENCODERS) and not near:
         raise DataError(
             f"{data.name}: columns {', '.join(missing)} are missing, there are {', '.join(data.in_file)}: "
             "data of another machine? (state it: machine=NAME)"
         )
     if missing:
-        near = {column: name for column in missing if (name := _nearest(column, list(data.in_file)))}
         near_one = f" (is {missing[0]} called {near[missing[0]]}?)" if missing[0] in near else ""
         raise DataError(
             f"{data.name}: column {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing{near_one}; there "
@@ -412,20 +412,13 @@ def _without(data: MeasuredData, columns: tuple[str, ...], why: str) -> Measured
 
 
 def _usable_rows(data: MeasuredData) -> MeasuredData:
-    # columns of numbers; a note for every unknown column says which known one it may be
-    columns: dict[str, NDArray[Any]] = {}
     for name, values in data.columns.items():
-        if name in ("split", "pose_id", "visit_id", "valid") or name not in _KNOWN:
-            columns[name] = values
-            continue
-        try:
-            columns[name] = np.asarray(values, dtype=float)
-        except (TypeError, ValueError):
-            raise DataError(f"{data.name}: column {name} holds {str(values[0])!r}: numbers are needed") from None
-    data = data.with_columns(columns)
-    for name in data.columns:
-        wanted = [known for known in _KNOWN if known not in data and _nearest(known, [name])]
-        if name not in _KNOWN and wanted:
+        if name in _NUMBERS:
+            try:
+                data = data.with_columns({name: np.asarray(values, dtype=float)})
+            except (TypeError, ValueError):
+                raise DataError(f"{data.name}: column {name} holds {str(values[0])!r}: numbers are needed") from None
+        elif wanted := [known for known in _KNOWN if known not in data and _nearest(known, [name])]:
             text = f"column {name} is not known and not used; did you mean {wanted[0]}?"
             data = data.with_note(Code.COLUMNS_UNREAD, text, (name,), meant=wanted[0])
     if data.has("x") != data.has("y"):

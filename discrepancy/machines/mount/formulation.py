@@ -25,7 +25,7 @@ from calibench.discrepancy.machines.mount.geometry import ARCSEC, AXES, ERRORS, 
 from calibench.discrepancy.model.effect import LinearEffect, NotTestable
 from calibench.discrepancy.model.formulations import Predicted
 from calibench.discrepancy.model.machine import Formulation, Quantities
-from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, positive, with_numbers
+from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, positive, refuse_rows, with_numbers
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import Joint, Roles
 from calibench.discrepancy.registries import machines
@@ -193,19 +193,15 @@ def accepted(data: MeasuredData) -> tuple[MeasuredData, Kind, float]:
     roll, pitch = read[names[0]], read[names[1]]
     if "pier_side" in data and kind == "equatorial":
         words = np.char.lower(np.char.strip(np.asarray(data["pier_side"]).astype(str)))
-        unknown = np.flatnonzero(~np.isin(words, ("east", "west", "e", "w")))
-        if len(unknown):
-            word = words[unknown[0]]
-            raise DataError(f"{data.name}: row {unknown[0] + 1}: pier_side={word}: east or west is needed")
+        sides = np.isin(words, ("east", "west", "e", "w"))
+        refuse_rows(data, sides, lambda k: f"pier_side={words[k]}: east or west is needed")
         over = np.isin(words, ("west", "w")) & (np.cos(pitch) > 0)
         roll, pitch = np.where(over, roll + np.pi, roll), np.where(over, np.pi - pitch, pitch)
     roll, pitch = ((angle + np.pi) % (2 * np.pi) - np.pi for angle in (roll, pitch))
 
     star = geometry.direction(read[names[2]], read[names[3]])
-    low = np.flatnonzero(star @ geometry.zenith(kind, latitude) < np.sin(_LOWEST))
-    if len(low):
-        why = "the star is below the horizon; are latitude, units and hour angles right?"
-        raise DataError(f"{data.name}: row {low[0] + 1}: {why}")
+    below = "the star is below the horizon; are latitude, units and hour angles right?"
+    refuse_rows(data, star @ geometry.zenith(kind, latitude) >= np.sin(_LOWEST), lambda k: below)
     frame = geometry.angles(geometry.direction(roll, pitch))
     apart = 2 * np.arcsin(np.clip(np.linalg.norm(star - geometry.direction(*frame), axis=1) / 2, 0, 1))
     if np.median(apart) > _FARTHEST:
@@ -213,12 +209,8 @@ def accepted(data: MeasuredData) -> tuple[MeasuredData, Kind, float]:
             f"{data.name}: half of the stars are more than {np.degrees(np.median(apart)):.0f} degrees from where the "
             "mount says that it points; are the units right, and is it the mount that the file states (mount=)?"
         )
-    wild = np.flatnonzero(apart > _FARTHEST)
-    if len(wild):
-        raise DataError(
-            f"{data.name}: row {wild[0] + 1}: the star is {np.degrees(apart[wild[0]]):.0f} deg from where the mount "
-            "says that it points; leave the row out"
-        )
+    far = "deg from where the mount says that it points; leave the row out"
+    refuse_rows(data, apart <= _FARTHEST, lambda k: f"the star is {np.degrees(apart[k]):.0f} {far}")
     columns: dict[str, Any] = {names[0]: roll, names[1]: pitch, **dict(zip(FRAME, frame))}
     for name, axis in zip(ERRORS[kind], geometry.tangents(*frame)):
         columns[name] = np.sum(axis * star, axis=1) / ARCSEC

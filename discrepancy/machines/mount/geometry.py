@@ -15,7 +15,7 @@ A, E, S (on the sky, left-right); A is counted from the south through east there
 HCEC beside NP, TF of an altazimuth mount is ECEC; HDCH is FO, and is not listed twice.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, final
@@ -44,6 +44,7 @@ TURNS = {
     "altaz": {"IA": ("roll", -1), "IE": ("pitch", 1), "CA": ("across", -1), "NPAE": ("square", -1),
               "AW": ("sideways", 1), "AN": ("forwards", -1)},
 }  # fmt: skip
+_ORDER = {"across": (0, 1), "pitch": (0, 2), "square": (2, 1), "roll": (0, 1), "sideways": (1, 2), "forwards": (0, 2)}
 
 
 def direction(roll: Numbers, pitch: Numbers) -> Numbers:
@@ -73,16 +74,11 @@ def pointing(kind: Kind, latitude: float, roll: Numbers, pitch: Numbers, terms: 
 
     `terms` has all of `TURNS` and `TF`, `TX`; each a number or (n,). Analytic in all of them.
     """
-    turn = {name: sign * terms[term] * ARCSEC for term, (name, sign) in TURNS[kind].items()}
-    pitch, roll = pitch + turn["pitch"], roll + turn["roll"]
-    x, y, z = (np.cos(turn["across"]) * np.cos(pitch), np.sin(turn["across"]) + 0 * pitch,
-               np.cos(turn["across"]) * np.sin(pitch))  # fmt: skip
-    y, z = _turned(y, z, -turn["square"])
-    x, y = _turned(x, y, roll)
-    y, z = _turned(y, z, turn["sideways"])
-    x, z = _turned(x, z, turn["forwards"])
+    at = [1 + 0 * pitch, 0 * pitch, 0 * pitch]
+    for i, j, angle in _turns(kind, roll, pitch, terms):
+        at[i], at[j] = _turned(at[i], at[j], angle)
     # directions lowered by TF sin z and TX tan z [arcsec], in the vertical plane
-    towards = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
+    towards = np.stack(np.broadcast_arrays(*at), axis=-1)
     up = zenith(kind, latitude)
     height = towards @ up
     floor = np.where(height.real > LOWEST, height, LOWEST)
@@ -93,22 +89,15 @@ def pointing(kind: Kind, latitude: float, roll: Numbers, pitch: Numbers, terms: 
 
 def slopes_of(kind: Kind, latitude: float, roll: Array, pitch: Array, terms: dict[str, Array]) -> dict[str, Array]:
     """Return the derivatives of `pointing` in its axes and each of its terms, name -> (n, 3), of one unit each."""
-    turn = {name: sign * terms[term] * ARCSEC for term, (name, sign) in TURNS[kind].items()}
-    pitch, roll = pitch + turn["pitch"], roll + turn["roll"]
-    c, p = np.broadcast_arrays(turn["across"], pitch)
-    # the direction and its derivatives so far, (m, n): each turn turns them, and adds its own
-    x = np.stack([np.cos(c) * np.cos(p), -np.sin(c) * np.cos(p), -np.cos(c) * np.sin(p)])
-    y = np.stack([np.sin(c), np.cos(c), 0 * c])
-    z = np.stack([np.cos(c) * np.sin(p), -np.sin(c) * np.sin(p), np.cos(c) * np.cos(p)])
-    y, z = _turned(y, z, -turn["square"])
-    x, y, z = np.vstack([x, 0 * p]), np.vstack([y, z[:1]]), np.vstack([z, -y[:1]])
-    x, y = _turned(x, y, roll)
-    x, y, z = np.vstack([x, -y[:1]]), np.vstack([y, x[:1]]), np.vstack([z, 0 * p])
-    y, z = _turned(y, z, turn["sideways"])
-    x, y, z = np.vstack([x, 0 * p]), np.vstack([y, -z[:1]]), np.vstack([z, y[:1]])
-    x, z = _turned(x, z, turn["forwards"])
-    x, y, z = np.vstack([x, -z[:1]]), np.vstack([y, 0 * p]), np.vstack([z, x[:1]])
-    whole = np.stack([x, y, z], axis=-1)
+    # the direction and its derivatives so far, (m, 3, n): each turn turns them, and adds its own
+    whole = np.zeros((1, 3, len(roll)))
+    whole[0, 0] = 1.0
+    for i, j, angle in _turns(kind, roll, pitch, terms):
+        whole[:, i], whole[:, j] = _turned(whole[:, i], whole[:, j], angle)
+        own = np.zeros_like(whole[:1])
+        own[0, i], own[0, j] = -whole[0, j], whole[0, i]
+        whole = np.concatenate([whole, own])
+    whole = np.moveaxis(whole, 1, -1)
     towards, moved = whole[0], whole[1:]
     # lowered by TF sin z and TX tan z, and of length 1 again
     up, tan = zenith(kind, latitude), np.reshape(terms["TX"], (-1, 1))
@@ -122,9 +111,17 @@ def slopes_of(kind: Kind, latitude: float, roll: Array, pitch: Array, terms: dic
     length = np.sqrt(np.einsum("nk,nk->n", lowered, lowered))[:, None]
     ahead = lowered / length
     moved = (moved - ahead * np.einsum("mnk,nk->mn", moved, ahead)[..., None]) / length
-    by = dict(zip(("across", "pitch", "square", "roll", "sideways", "forwards", "TF", "TX"), moved, strict=True))
+    by = dict(zip((*_ORDER, "TF", "TX"), moved, strict=True))
     found = {term: sign * ARCSEC * by[name] for term, (name, sign) in TURNS[kind].items()}
     return found | dict(zip(AXES[kind], (by["roll"], by["pitch"]), strict=True)) | {n: by[n] for n in ("TF", "TX")}
+
+
+def _turns(kind: Kind, roll: Numbers, pitch: Numbers, terms: dict[str, Numbers]) -> Iterator[tuple[int, int, Numbers]]:
+    """Yield the two coordinates that each turn mixes, and its angle [rad], in their order."""
+    turn = {name: sign * terms[term] * ARCSEC for term, (name, sign) in TURNS[kind].items()}
+    turn |= {"pitch": pitch + turn["pitch"], "roll": roll + turn["roll"]}
+    for name, (i, j) in _ORDER.items():
+        yield i, j, turn[name]
 
 
 def _turned(a: Numbers, b: Numbers, by: Numbers) -> tuple[Numbers, Numbers]:

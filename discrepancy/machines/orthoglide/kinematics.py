@@ -32,7 +32,7 @@ from calibench.core.options import suggest
 from calibench.core.words import as_columns
 from calibench.discrepancy.checks.validate import entered
 from calibench.discrepancy.model.machine import Numbers, Quantities
-from calibench.discrepancy.model.measured import Column, DataError, MeasuredData
+from calibench.discrepancy.model.measured import Column, DataError, MeasuredData, refuse_rows
 from calibench.problems import constants
 from calibench.problems.base import Array
 from calibench.problems.orthoglide.kinematics import AXES, NAMES, PAPER, geometry, inverse_kinematics
@@ -274,7 +274,7 @@ def accepted(data: MeasuredData) -> MeasuredData:
     columns["pass"] = _words(data, "pass") if "pass" in data else np.full(len(data), "fwd")
     columns["zero_pass"] = _words(data, "zero_pass") if "zero_pass" in data else columns["pass"]
     for name in ("pass", "zero_pass"):
-        _refuse_row(data, name, columns[name], np.isin(columns[name], ("fwd", "rev")), "fwd or rev is needed")
+        _refuse(data, name, columns[name], np.isin(columns[name], ("fwd", "rev")), "fwd or rev is needed")
     for name, value in _DEFAULTS.items():
         columns[name] = _numbers(data, name) if name in data else np.full(len(data), value)
     for name in _OPTIONAL:
@@ -282,7 +282,7 @@ def accepted(data: MeasuredData) -> MeasuredData:
             columns[name] = _numbers(data, name)
     for name, column in columns.items():
         if name not in _WORDS:
-            _refuse_row(data, name, column, np.isfinite(column), "a finite number is needed, or leave the row out")
+            _refuse(data, name, column, np.isfinite(column), "a finite number is needed, or leave the row out")
     columns["deviation"] = _numbers(data, "deviation")
     data = data.with_columns(columns)
 
@@ -336,17 +336,21 @@ def _levels(data: MeasuredData, leg: Column, posture: Column) -> tuple[Column, A
     strokes = {"max": geometry().stroke_plus, "min": geometry().stroke_minus}
     given = _numbers(data, "level_mm") if "level_mm" in data else np.full(len(data), np.nan)
     axes, levels = [], given.copy()
+
+    def refused(k: int, why: str) -> DataError:
+        return DataError(f"{data.name}: {data.rows_named(np.array([k]))}: posture={why}")
+
     for k, (own, word) in enumerate(zip(leg, posture)):
         axis, end = (word[0], word[1:]) if word[:1] in AXES else (own, word)
         if end not in ("", *strokes):
             choices = [*AXES, *strokes, *(a + e for a in AXES for e in strokes)]
-            raise DataError(f"{data.name}: row {k + 1}: posture={word!r}: {suggest(word, choices)}")
+            raise refused(k, f"{word!r}: {suggest(word, choices)}")
         if not np.isfinite(given[k]):
             if not end:
-                raise DataError(f"{data.name}: row {k + 1}: posture={word} needs a level_mm, or xmax, xmin and so on")
+                raise refused(k, f"{word} needs a level_mm, or xmax, xmin and so on")
             levels[k] = strokes[end]
         elif end and given[k] * strokes[end] <= 0:
-            raise DataError(f"{data.name}: row {k + 1}: posture={word} and level_mm={given[k]:g} differ in sign")
+            raise refused(k, f"{word} and level_mm={given[k]:g} differ in sign")
         axes.append(axis)
     return np.array(axes), levels
 
@@ -355,8 +359,12 @@ def _words(data: MeasuredData, name: str) -> Column:
     words = [w.decode() if isinstance(w, bytes) else str(w) for w in data[name]]
     column = np.array([w.strip().lower() for w in words])
     if name in ("leg", "direction"):
-        _refuse_row(data, name, column, np.isin(column, AXES), "x, y or z is needed")
+        _refuse(data, name, column, np.isin(column, AXES), "x, y or z is needed")
     return column
+
+
+def _refuse(data: MeasuredData, name: str, column: Column, good: NDArray[np.bool_], rule: str) -> None:
+    refuse_rows(data, good, lambda k: f"{name}={column[k]}: {rule}")
 
 
 def _numbers(data: MeasuredData, name: str) -> Array:
@@ -364,12 +372,6 @@ def _numbers(data: MeasuredData, name: str) -> Array:
         return np.asarray(data[name], dtype=float)
     except (TypeError, ValueError):
         raise DataError(f"{data.name}: column {name!r} holds something that is not a number") from None
-
-
-def _refuse_row(data: MeasuredData, name: str, column: Column, good: NDArray[np.bool_], rule: str) -> None:
-    if not good.all():
-        k = int(np.flatnonzero(~good)[0])
-        raise DataError(f"{data.name}: row {k + 1}: {name}={column[k]}: {rule}")
 
 
 def printed(name: str) -> MeasuredData:

@@ -8,7 +8,7 @@ import numpy as np
 from calibench.discrepancy.effects.general import columns
 from calibench.discrepancy.effects.general.joints import largest_error
 from calibench.discrepancy.effects.general.lengths import time_constants, warmth
-from calibench.discrepancy.effects.general.recipe import Built, named, of_joints, recipe
+from calibench.discrepancy.effects.general.recipe import Built, named, of_joints, recipe, unit_of
 from calibench.discrepancy.model.effect import EffectFamily, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
@@ -24,11 +24,6 @@ def _input_offset(family: EffectFamily, formulation: Formulation, target: str) -
         target, (), {"c": joint.unit}, lambda q, data: {joint.reading: np.ones((len(data), 1))},
         largest=largest_error(joint),
     )  # fmt: skip
-
-
-def _output_offset(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    unit = next((s.unit for s in formulation.sensors if s.column == target), "")
-    return family.linear(target, (), {"c": unit}, lambda q, data: {target: -np.ones((len(data), 1))})
 
 
 def _output_gain(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -91,7 +86,9 @@ FAMILIES = (
     recipe(
         "output_offset", "What is measured is off by a constant", "measured += c", channel="prediction", columns=(),
         unit="that of the measurement", targets="each measured column", targets_in=lambda f: tuple(f.readings),
-        make=_output_offset, label="offset",
+        label="offset", make=lambda family, formulation, target: family.linear(
+            target, (), {"c": unit_of(formulation, target)}, lambda q, data: {target: -np.ones((len(data), 1))}
+        ),
     ).enter("simulator"),
     recipe(
         "parameter_over", "A parameter is another one where a column is", "p += c u / max|u|, u from its mean or 0",

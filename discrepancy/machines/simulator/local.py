@@ -327,14 +327,11 @@ class LocalModel:
             return h, -h
         return (h, 2 * h) if p[v.at] - h < v.lower else (-h, -2 * h)
 
-    def _inward(self, v: Variable) -> float:
-        """Return the sign of a change of a variable that leaves it within its limits."""
-        return -1.0 if not v.is_input and self.parameters[v.at] + _LONGEST * v.width > v.upper else 1.0
-
     def _own_noise(self, rows: NDArray[np.intp]) -> Array:
         """Return the standard deviation of the simulator's own noise in each output, (m,)."""
         here, own = self.inputs[rows], [v for v in self.variables if not v.is_input]
-        width = np.array([self._inward(v) * v.width for v in own])
+        inward = [self.parameters[v.at] + _LONGEST * v.width <= v.upper for v in own]  # within its limits
+        width = np.array([v.width if up else -v.width for v, up in zip(own, inward)])
         questions = [(here, self.parameters + _NEAR * k * width) for k in range(_TABLE)]
         if not len(width):
             [u] = [v for v in self.variables if v.is_input][:1]
