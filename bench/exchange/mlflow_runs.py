@@ -50,9 +50,9 @@ def write_mlflow(study: Study, to: str) -> list[str]:
     known: dict[str, str] = {}  # its number there
     parents: dict[str, str] = {}
     replaced = 0
-    token = None
-    while True:
-        page = client.search_runs([experiment], max_results=1000, page_token=token)
+    token: str | None = ""
+    while token is not None:
+        page = client.search_runs([experiment], max_results=1000, page_token=token or None)
         for run in page:
             found = run.data.tags
             if found.get(_DONE) != "true":
@@ -66,9 +66,7 @@ def write_mlflow(study: Study, to: str) -> list[str]:
                     replaced += 1
                 else:
                     known[found[_RUN]] = run.info.run_id
-        token = page.token
-        if not token:
-            break
+        token = page.token or None
     names, titles = algorithm_names(runs), problem_titles(runs)
     traces = traces_by_run(study.traces)
     added = 0

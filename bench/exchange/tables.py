@@ -118,13 +118,9 @@ def latex_table(table: pd.DataFrame) -> str:
     layout = "".join("l" if word else "r" for word in words)
     head = " & ".join(str(name) for name in table) + r" \\"
     body = [" & ".join(row) + r" \\" for row in table.itertuples(index=False)]
-    if len(body) > _PAGE:
-        begin = [rf"\begin{{longtable}}{{{layout}}}", r"\toprule", head, r"\midrule", r"\endhead"]
-        end = [r"\bottomrule", r"\end{longtable}"]
-    else:
-        begin = [rf"\begin{{tabular}}{{{layout}}}", r"\toprule", head, r"\midrule"]
-        end = [r"\bottomrule", r"\end{tabular}"]
-    return "\n".join([*begin, *body, *end]) + "\n"
+    kind, more = ("longtable", [r"\endhead"]) if len(body) > _PAGE else ("tabular", [])
+    begin = [rf"\begin{{{kind}}}{{{layout}}}", r"\toprule", head, r"\midrule", *more]
+    return "\n".join([*begin, *body, r"\bottomrule", rf"\end{{{kind}}}"]) + "\n"
 
 
 _README = """# Columns

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from calibench import problems
 from calibench.bench.provenance.environment import provenance
+from calibench.bench.statistics.summary import QUARTILES, quantiles
 from calibench.bench.store.atomic_file import write_whole
 from calibench.problems.constants import Column, Constant, column
 
@@ -44,7 +45,6 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 # (in every release: a claim judged in each variant of fmincon, whose verdicts are made into one; in half of them: a
 # cell judged in every plan and release, by the number that half of them come as near as)
 Rule = Literal["near", "at most", "at least", "at most, in every release", "near, in half of plans and releases"]
-_LARGEST = 1e300
 _FEW = 0.05  # of plans and releases: where no more than so many give the print, they contradict it
 _NEARNESS: tuple[Verdict, ...] = ("reproduced", "misprint, corrected", "reproduced in kind", "not reproduced")
 
@@ -68,8 +68,7 @@ class Ours:
         numbers = numbers[~np.isnan(numbers)]
         if not numbers.size:
             return NOTHING
-        ranked = np.quantile(np.clip(numbers, -_LARGEST, _LARGEST), [0.25, 0.5, 0.75])  # inf - inf has no quantile
-        q1, median, q3 = (inf if q > _LARGEST / 8 else -inf if q < -_LARGEST / 8 else float(q) for q in ranked)
+        q1, median, q3 = quantiles(numbers, QUARTILES).tolist()
         return Ours(median, q1, q3, int(numbers.size))
 
 
@@ -255,8 +254,9 @@ class Evidence:
         return mine.sort_values(["problem_options", "repetition"], kind="stable")
 
 
+@cache
 def problem(name: str, **options: Any) -> Any:
-    """Return a problem of the registry, whatever kind it is."""
+    """Return a problem of the registry, whatever kind it is, made once."""
     return problems.make(name, **options)
 
 

@@ -41,7 +41,6 @@ def code_digest(problem: Any, optimizer: Any) -> str:
 
 
 def gate_digest() -> str:
-    """Return 12 digits for the code of the gate."""
     return _digest([sources.module_digest(module) for module in GATE])
 
 

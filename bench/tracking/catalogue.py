@@ -390,7 +390,6 @@ def find_study(results: Path, name: str) -> tuple[Path, Entry]:
 
 
 def line_of(entry: Entry) -> dict[str, str]:
-    """Return what a terminal shows of an entry."""
     end = [f"{entry.done}/{max(entry.planned, entry.done)}"]
     end += [f"{n} {what}" for n, what in ((entry.failed, "failed"), (entry.timeouts, "out of time")) if n]
     return {

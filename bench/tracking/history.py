@@ -115,7 +115,6 @@ class Asked:
         return any(fnmatchcase(text, choice) for choice in getattr(self, name).split(","))
 
     def concerns(self, entry: Entry) -> bool:
-        """Tell whether a study may hold such runs."""
         return entry.kind == "runs" and all(
             any(self.matches(name, text) for text in getattr(entry, name)) for name in ("problem", "optimizer")
         )
@@ -343,7 +342,6 @@ def page(found: Sequence[History]) -> str:
 
 
 def sentence(history: History) -> str:
-    """Return what the change point says."""
     epochs = sum(not version.same for version in history.versions)
     if len(history.versions) == 1:
         return "One version of the code has run it, so there is nothing to compare."

@@ -37,7 +37,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
+from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -86,14 +86,11 @@ _HEADERS = {
 def serve(results: Path, port: int, *, write: bool, tell: Callable[[str], None]) -> None:
     """Answer until Ctrl-C; `tell` gets the address. Raises `ValueError` where the port is taken."""
     token = secrets.token_urlsafe(24)
-    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind(("127.0.0.1", port))
-        listening.listen()  # who opens the address at once waits
+        listening = socket.create_server(("127.0.0.1", port))  # who opens the address at once waits
     except OSError as error:
-        listening.close()
-        raise ValueError(f"ui: port={port} is taken ({error.strerror}); port=0 takes a free one") from None
+        why = os.strerror(error.errno or 0)
+        raise ValueError(f"ui: port={port} is taken ({why}); port=0 takes a free one") from None
     with listening:
         port = listening.getsockname()[1]
         config = uvicorn.Config(
@@ -149,29 +146,27 @@ class _Door:
     def _refusal(self, request: Request) -> Response | None:
         hosts = request.headers.getlist("host")
         if len(hosts) != 1 or hosts[0] not in self.hosts:
-            return _plain(421, "This address is not ours: open the one that `bench ui` printed.")
+            return PlainTextResponse("This address is not ours: open the one that `bench ui` printed.", 421)
         given = request.query_params.get("token")
         if given is not None and request.method == "GET" and request.url.path == "/":
             if not _same(given, self.token):
-                return _plain(403, "The token is another: open the address that `bench ui` printed.")
+                return PlainTextResponse("The token is another: open the address that `bench ui` printed.", 403)
             answer = RedirectResponse("/", 303)
             answer.set_cookie(self.cookie, self.session, httponly=True, samesite="strict", path="/")
             return answer
         if not _same(request.cookies.get(self.cookie, ""), self.session):
-            return _plain(403, "Open the address with the token that `bench ui` printed; it lets this browser in.")
+            return PlainTextResponse(
+                "Open the address with the token that `bench ui` printed; it lets this browser in.", 403
+            )
         if request.method not in ("GET", "HEAD", "POST"):
-            return _plain(405, "This is read alone.")
+            return PlainTextResponse("This is read alone.", 405)
         if request.method == "POST":
             if not self.write:
-                return _plain(403, "Nothing is written: start `bench ui --write` to note and tag.")
+                return PlainTextResponse("Nothing is written: start `bench ui --write` to note and tag.", 403)
             origin = request.headers.get("origin")
             if origin is not None and origin not in {f"http://{host}" for host in self.hosts}:
-                return _plain(403, "Another site has sent this.")
+                return PlainTextResponse("Another site has sent this.", 403)
         return None
-
-
-def _plain(code: int, text: str) -> Response:
-    return Response(text + "\n", code, media_type="text/plain")
 
 
 def _same(one: str, other: str) -> bool:

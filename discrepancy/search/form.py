@@ -564,14 +564,10 @@ def random_curve(x: Array, length: float) -> Array:
     """
     known = np.isfinite(x)
     low, high = float(np.min(x[known])), float(np.max(x[known]))
-    knots = np.linspace(0.0, 1.0, _KNOTS)[:, None]
-    variances, V = np.linalg.eigh(_correlation(knots, knots, length))
-    held = variances > _PART * variances[-1]
-    there = ((x[known] - low) / (high - low))[:, None]
-    curves = _correlation(there, knots, length) @ (V[:, held] / np.sqrt(variances[held]))
-    curves -= curves.mean(axis=0)
+    knots, there = np.linspace(0.0, 1.0, _KNOTS)[:, None], ((x[known] - low) / (high - low))[:, None]
+    curves = _random(there, knots, length, _PART)
     parts = np.zeros((len(x), curves.shape[1]))
-    parts[known] = curves / np.sqrt(np.sum(curves**2) / len(curves))
+    parts[known] = curves
     return parts
 
 
@@ -582,12 +578,15 @@ def random_field(x: Array, length: float) -> Array:
     """
     wide = np.ptp(x, axis=0)
     u = (x - x.min(axis=0)) / np.where(wide > 0, wide, 1.0)
-    knots = u[:: max(1, len(u) // _PLACES)]
+    return _random(u, u[:: max(1, len(u) // _PLACES)], length, _PART_OF_FIELD)
+
+
+def _random(u: Array, knots: Array, length: float, least: float) -> Array:
     variances, V = np.linalg.eigh(_correlation(knots, knots, length))
-    held = variances > _PART_OF_FIELD * variances[-1]
-    fields = _correlation(u, knots, length) @ (V[:, held] / np.sqrt(variances[held]))
-    fields -= fields.mean(axis=0)
-    return np.asarray(fields / np.sqrt(np.sum(fields**2) / len(fields)))
+    held = variances > least * variances[-1]
+    parts = _correlation(u, knots, length) @ (V[:, held] / np.sqrt(variances[held]))
+    parts -= parts.mean(axis=0)
+    return np.asarray(parts / np.sqrt(np.sum(parts**2) / len(parts)))
 
 
 def _correlation(one: Array, other: Array, length: float) -> Array:

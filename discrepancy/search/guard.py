@@ -21,11 +21,11 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dormqr, dpstrf, dpttrf, dpttrs, dsytrd
 
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
-from calibench.discrepancy.fitting.fit import Fit, once, orthonormal, project_off, reading_order
+from calibench.discrepancy.fitting.fit import Fit, once, orthonormal, project_off, thinned
 from calibench.discrepancy.model.effect import Effect, name_of, whole_of
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
-from calibench.discrepancy.noise.whiten import Whitener, whitener
+from calibench.discrepancy.noise.whiten import Whitener
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.report import Caution, Doubt, Finding
 from calibench.discrepancy.search.form import MOST, forms_of
@@ -138,11 +138,10 @@ def _doubt(
     roles = roles_of(at.model.formulation)
     slow = {*named[0].columns} and {*named[0].columns} <= {roles.time, roles.temperature}
     # several names on one part are rare, and rarer where their sizes depend on what their formulas do not have
-    more_claims = claims - 1 + (sum(_is_bent(e, own[name_of(e)], at) for e in named) if claims > 1 else 0)
-    least = {
-        True: -t.close / 2 if _is_rich(named[0]) else 0.0 if slow else np.inf,
-        False: t.close / 2 - _FURTHER * more_claims,
-    }
+    bent = [{slow.column for one in forms_of(e, at.model.effects) for slow in one.over} - {*e.columns} for e in named]
+    more_claims = claims - 1 + (claims > 1) * sum(not one <= own[name_of(e)] for e, one in zip(named, bent))
+    least = {True: -t.close / 2 if _is_rich(named[0]) else 0.0 if slow else np.inf}
+    least[False] = t.close / 2 - _FURTHER * more_claims
     ahead, columns = max((one.alone - exact - least[{*one.columns} <= same], one.columns) for one in tried)
     if ahead > 0:
         return columns, True
@@ -153,11 +152,6 @@ def _is_rich(effect: Effect) -> bool:
     return len(effect.coefficients) > MOST
 
 
-def _is_bent(effect: Effect, own: set[str], at: Fit) -> bool:
-    over = {slow.column for form in forms_of(effect, at.model.effects) for slow in form.over}
-    return not over <= {*own, *effect.columns}
-
-
 def accounts(
     at: Fit, terms: Sequence[SmoothTerm], named: Sequence[Effect], errors: Sequence[Effect] = ()
 ) -> tuple[list[Account], Mapping[str, set[str]]]:
@@ -165,6 +159,7 @@ def accounts(
 
     `errors` are names that may be the error of the form of these: what they explain is left to that.
     """
+    fixed, at = (at.J, *named, *errors), thinned(at)
     part = _Part.of(at, named, errors)
     if part.degrees < _LEAST:
         return [], {}
@@ -192,7 +187,6 @@ def accounts(
             left = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
             if left @ left < _OWN * (y @ y):
                 own[name_of(effect)].add(name)
-    fixed = (at.J, *named, *errors)
     law = part.gain if np.isfinite(at.noise.t_degrees) else 0.0  # heavy tails are cut by their scale
 
     def account(names: tuple[str, ...], waves: Callable[[], tuple[Array, Array]]) -> Account:
@@ -237,7 +231,7 @@ def _priors(frequencies: Array, over: int) -> Iterator[Array]:
 @final
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """The scores y (N,) with what names explain, and their columns (N, k), which `variances` scale, on some rows.
+    """The scores y (N,) with what names explain, and their columns (N, k), which `variances` scale.
 
     `slopes` are those of the quantities that they change, alike ones once; `sets` the places of all of them and of
     those of each name. `off` is how large, in the scores, errors of their forms may be; `changes` the names' effects.
@@ -251,7 +245,6 @@ class _Part:
     sets: Sequence[Sequence[int]]
     off: float
     changes: Sequence[tuple[Effect, Array]]
-    rows: Array
     white: Whitener
     gain: float
     least: float  # variance of the noise
@@ -262,15 +255,8 @@ class _Part:
 
     @classmethod
     def of(cls, at: Fit, named: Sequence[Effect], errors: Sequence[Effect]) -> _Part:
-        """Return the part of names, and of their forms, in a fit; of very many readings some rows tell the same."""
-        model, gain, n, c = at.model, at.noise.gain, *at.at.misclosure.shape
-        data = model.formulation.data
-        rows = np.unique(np.linspace(0, n - 1, min(n, thresholds().drawn_rows // c)).round().astype(int))
-        white, r, J = at.at.whiten, at.r, at.J
-        if len(rows) < n:
-            order = reading_order(data)[rows]
-            white = whitener(at.at.reading_slopes[rows], at.at.sigma[rows], at.noise.autocorrelation, order)
-            r, J = white(at.at.misclosure[rows]), white(at.at.columns[rows])
+        """Return the part of names, and of their forms, in a fit."""
+        model, gain, r, J, data = at.model, at.noise.gain, at.r, at.J, at.model.formulation.data
         own = [effect for e in named for effect in (e, *forms_of(e, model.effects))]
         places = [model.place_of(e) for e in own]
         out = [model.place_of(one) for e in errors for one in (e, *forms_of(e, model.effects))]
@@ -299,33 +285,23 @@ class _Part:
             y=project_off(at.noise.scores(r) - sum(signs) - rest, Q), Q=Q,
             columns=project_off(np.concatenate(columns, axis=1), Q, times=2), variances=np.concatenate(variances),
             slopes=slopes, sets=[list(one) for one in dict.fromkeys(map(tuple, every))],
-            off=float(np.sqrt(thresholds().formula_error * np.mean(sum(signs) ** 2))), changes=changes, rows=rows,
-            white=white, gain=gain, least=0.0 if at.noise.profiled else 1.0,
+            off=float(np.sqrt(thresholds().formula_error * np.mean(sum(signs) ** 2))), changes=changes,
+            white=at.at.whiten, gain=gain, least=0.0 if at.noise.profiled else 1.0,
         )  # fmt: skip
 
     def account(self, columns: tuple[str, ...], errors: Sequence[Sequence[_Error]]) -> Account:
         """Return what smooth errors over columns say of the names; the first ones are of all slopes."""
         off = _OFF * self.off
-        sizes, found = np.concatenate([off, _SIZES]), Account(columns, *[-np.inf] * 4)
-        for k, own in enumerate(errors):
-            for one in own:
-                alone, named = one.likely(sizes, self)
-                found = replace(found, alone=max(found.alone, float(alone[len(off) :].max())))
-                if k > 0:
-                    continue
-                form, beside = named[: len(off)], named[len(off) :]
-                larger = np.max(beside, where=self.off < _SIZES, initial=-np.inf)
-                found = replace(
-                    found, form=max(found.form, float(form.max())), beside=max(found.beside, float(beside.max())),
-                    larger=max(found.larger, float(larger)),
-                )  # fmt: skip
-        return found
+        likely = [[one.likely(np.concatenate([off, _SIZES]), self) for one in own] for own in errors]
+        alone = max(float(one[0, len(off) :].max()) for own in likely for one in own)
+        named = np.max([one[1] for one in likely[0]], axis=0)
+        form, beside = named[: len(off)], named[len(off) :]
+        larger = np.max(beside, where=self.off < _SIZES, initial=-np.inf)
+        return Account(columns, float(form.max()), float(beside.max()), float(larger), alone)
 
     def errors(self, waves: Array, frequencies: Array, over: int) -> list[list[_Error]]:
         """Return the smooth errors of functions (n, m) of `over` columns: of each set of slopes, one of each prior."""
-        raw = [
-            self.white(slope[self.rows][:, :, None] * waves[self.rows][:, None, :]) * self.gain for slope in self.slopes
-        ]
+        raw = [self.white(slope[:, :, None] * waves[:, None, :]) * self.gain for slope in self.slopes]
         sizes = [float(np.mean(one**2)) or 1.0 for one in raw]
         seen = [project_off(one, self.Q, times=2) for one in raw]
         given = np.column_stack([self.y, self.columns * np.sqrt(self.variances)])

@@ -75,14 +75,13 @@ def shuffled(at: Fit, effect: Effect, beside: Effect, family: Sequence[Effect]) 
     # can be shuffled instead of the columns, and no row's whitening reads another row
     data, rows = formulation.data, at.at.misclosure
     each = len(effect.coefficients) <= _NUMBERS and len(on.y) < t.drawn_rows
-    if each and at.at.whiten.band is None and formulation.decorrelate(rows) is rows:
+    each = each and at.at.whiten.band is None and formulation.decorrelate(rows) is rows
+    if each:
         source = classes.draw(np.random.default_rng(1))
         zero = np.zeros(len(effect.coefficients))
         kept = effect.basis(at.at.recorded, data, zero)
         moved = effect.basis(at.at.recorded, _moved(data, columns, source), zero)
         each = all(np.allclose(np.asarray(kept[name])[source], moved[name]) for name in kept)
-    else:
-        each = False
     rivals = [e for e in family if len(e.coefficients) <= _NUMBERS and order_of(e, formulation)[1]] if each else []
     score_of = _Sums(at, on, [effect, *rivals]) if each else _OneByOne(at, on, effect, columns)
     own, more, times = score_of.gains(np.arange(len(data)))[0], 0, 0

@@ -17,11 +17,10 @@ from calibench.core.tables.cells import between
 from calibench.core.words import plain
 from calibench.discrepancy.diagnostics.score import projected_scores
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns
-from calibench.discrepancy.fitting.fit import Fit, fit, once, project_off, reading_order
+from calibench.discrepancy.fitting.fit import Fit, fit, once, project_off, thinned
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
-from calibench.discrepancy.noise.whiten import whitener
 from calibench.discrepancy.report import Unnamed
 from calibench.discrepancy.thresholds import thresholds
 from calibench.discrepancy.validation import errors_left_out, folds
@@ -125,16 +124,10 @@ def _fit_smooth(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
 
 
 def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
-    at, c, t = base.at, base.at.misclosure.shape[1], thresholds()
-    n, data, whiten = len(at.misclosure), at.model.formulation.data, at.whiten
-    # of very many readings, a part tells the same
-    some = np.unique(np.linspace(0, n - 1, min(n, t.drawn_rows // c)).round().astype(int))
-    if len(some) < n:
-        order = reading_order(data)[some]
-        whiten = whitener(at.reading_slopes[some], at.sigma[some], base.noise.autocorrelation, order)
-        data = data.rows(some)
-    r, J = whiten(at.misclosure[some]), whiten(at.columns[some])
-    on, y, gain = projected_scores(replace(base, r=r, J=J)), base.noise.scores(r), base.noise.gain
+    part, t = thinned(base), thresholds()
+    at, on, y, gain = part.at, projected_scores(part), base.noise.scores(part.r), base.noise.gain
+    n, c = at.misclosure.shape
+    J, data, whiten = part.J, part.model.formulation.data, at.whiten
     size = np.sqrt((J**2).sum(axis=0))
     J = J / np.where(size > 0, size, 1.0)
     fold = np.repeat(folds(data, t.folds), c)
@@ -142,7 +135,7 @@ def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     pose = np.repeat(pose, c)
 
     def raw_of(component: Component, waves: Array) -> Array:  # its cosines in the scores
-        return whiten(at.slopes[component.quantity][some][:, :, None] * waves[:, None, :]) * gain
+        return whiten(at.slopes[component.quantity][:, :, None] * waves[:, None, :]) * gain
 
     # each component with its cosines projected off calibration, and the variances of their weights, (lengths, m), for
     # an rms of about 1 in the scores
@@ -150,7 +143,7 @@ def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     squares: list[Array] = []  # their products with each other
     for term, quantity in ((one, quantity) for one in terms for quantity in one.quantities):
         # as many cosines as the poses can tell, and no more
-        count = min(_WAVES, max(4, len(some) // 4)) if len(term.covariates) == 1 else _SIDE
+        count = min(_WAVES, max(4, n // 4)) if len(term.covariates) == 1 else _SIDE
         component = Component(
             target=term.target, covariate=term.covariate, quantity=quantity, columns=term.covariates, low=term.low,
             high=term.high, count=count, levels=term.levels,

@@ -6,6 +6,7 @@ budget (``results/reference/``). The plans are not published, so values agree in
 
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,25 +17,14 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from calibench import problems
-from calibench.bench.papers.ledger import Evidence, kept
+from calibench.bench.papers.ledger import Evidence, Ours, kept
 from calibench.bench.provenance.run_id import canonical, options_of
-from calibench.bench.report.shared.drawing import (
-    COLOURS,
-    DASHES,
-    STYLE,
-    Drawing,
-    axes_in,
-    entitle,
-    figure_of,
-    look_of,
-    put_legend,
-    save,
-)
+from calibench.bench.report.shared import drawing
 from calibench.bench.report.study.additions import AddedFigure, Addition, Mark, PrintedTable, TableSection
 from calibench.bench.report.study.figures import convergence_bands, spread_text
 from calibench.bench.statistics.cells import CELL
 from calibench.bench.statistics.names import options_seen
-from calibench.bench.statistics.summary import QUARTILES, goal_hits, median_of_reached, problem_name, quantiles
+from calibench.bench.statistics.summary import goal_hits, median_of_reached, problem_name
 from calibench.bench.store.arrays import lists_of
 from calibench.bench.store.runs import ResultStore
 from calibench.problems import constants
@@ -69,7 +59,8 @@ def _table6(runs: pd.DataFrame) -> pd.DataFrame:
                     {
                         "table": column.key, **_asked(cell), "quantity": quantity, "unit": unit,
                         "printed": printed.printed * scale, "read": printed.value * scale,
-                        "why": printed.why or printed.doubt, **_spread(scale * cell["best_value"]), **_course(cell),
+                        "why": printed.why or printed.doubt, **asdict(Ours.of(scale * cell["best_value"])),
+                        **_course(cell),
                     }
                     for scale, quantity, unit in quantities
                 ]  # fmt: skip
@@ -110,7 +101,7 @@ def _calibrations(table: str, runs: pd.DataFrame) -> pd.DataFrame:
             rows += [
                 {
                     "table": key, **asked, "quantity": quantity, "unit": unit, "true": true, "printed": printed,
-                    "read": read, "why": why, **_spread(values), **course,
+                    "read": read, "why": why, **asdict(Ours.of(values)), **course,
                 }
                 for quantity, unit, true, printed, read, why, values in lines
             ]  # fmt: skip
@@ -140,16 +131,6 @@ def _asked(cell: pd.DataFrame) -> dict[str, Any]:
     return {name: cell[column].iloc[0] for name, column in names.items()}
 
 
-def _spread(values: pd.Series) -> dict[str, float]:
-    """Return median and quartiles over the runs that have the quantity; a best value that was not found is infinite."""
-    numbers = values.to_numpy(dtype=float)
-    numbers = numbers[~np.isnan(numbers)]
-    if not numbers.size:
-        return {"median": np.nan, "q1": np.nan, "q3": np.nan, "n": 0}
-    q1, median, q3 = quantiles(numbers, QUARTILES)
-    return {"median": float(median), "q1": float(q1), "q3": float(q3), "n": int(numbers.size)}
-
-
 def _course(cell: pd.DataFrame) -> dict[str, Any]:
     reached = goal_hits(cell)
     return {
@@ -159,10 +140,10 @@ def _course(cell: pd.DataFrame) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def gauge(*_: pd.DataFrame) -> Drawing:
+def gauge(*_: pd.DataFrame) -> drawing.Drawing:
     """Draw Table 4's and Table 7's printed 12-parameter results on the gauge curve through the true machine."""
     points = gauge_points()
-    with rc_context(STYLE):
+    with rc_context(drawing.STYLE):
         figure = Figure(figsize=(10.2, 4.9), layout="constrained")
         for axes, (key, table) in zip(figure.subplots(1, 2), points.groupby("table", sort=False), strict=True):
             held, fitted, scale = (table[name].iloc[0] for name in ("held", "phi", "scale"))
@@ -174,7 +155,7 @@ def gauge(*_: pd.DataFrame) -> Drawing:
             groups = {name: [name] for name in names if name[0] in "xy"}
             groups |= {"six link lengths": [n for n in names if n[0] == "l"]}
             groups |= {"offsets z x 244 mm": [n for n in names if n[0] == "z"]}
-            for (label, members), colour, dashes in zip(groups.items(), COLOURS, DASHES):
+            for (label, members), colour, dashes in zip(groups.items(), drawing.COLOURS, drawing.DASHES):
                 arm = 244.0 if members[0].startswith("z") else 1.0
                 line = arm * moved[:, [names.index(n) for n in members]].mean(axis=1)
                 axes.plot(1e3 * phi, line, color=colour, linestyle=dashes, lw=1.4, label=label)
@@ -234,12 +215,12 @@ def gauge_points() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def plans(*_: pd.DataFrame) -> Drawing:
+def plans(*_: pd.DataFrame) -> drawing.Drawing:
     """Draw the singular values of `full11` for readings on a line, a circle, two circles and a disc (section 4.5)."""
     noise, numbers = 1e-4, []
     sampled = (("line", 80.0), ("circle", 80.0), ("two_circles", 120.0), ("disc", 100.0))
-    with axes_in(None, 7.6, 3.9) as axes:
-        for (plan, radius), colour, dashes in zip(sampled, COLOURS, DASHES):
+    with drawing.axes_in(None, 7.6, 3.9) as axes:
+        for (plan, radius), colour, dashes in zip(sampled, drawing.COLOURS, drawing.DASHES):
             known = problems.identify(problems.make("full11", plan=plan, radius=radius), noise=noise)
             worst = max(float(e) for e, unit in zip(known.standard_errors, known.units, strict=True) if unit == "mm")
             values = known.singular_values / known.singular_values[0]
@@ -258,11 +239,10 @@ def plans(*_: pd.DataFrame) -> Drawing:
             fontsize=8, loc="lower left", alignment="left",
             title=f"condition, and worst standard error of a length at {noise:g} rad",
         )  # fmt: skip
-    return figure_of(axes), pd.concat(numbers, ignore_index=True)
+    return drawing.figure_of(axes), pd.concat(numbers, ignore_index=True)
 
 
 def caption(error: str) -> str:
-    """Return the caption of the figure of an error function."""
     number = {"J1": 3, "J2": 4, "J3": 5}[error]
     return f"Fig. {number} of Cong et al. 2008, axes as printed: GA, PSO and DE under {error}; dotted, the printed ends"
 
@@ -274,7 +254,7 @@ def applies(error: str, runs: pd.DataFrame) -> bool:
     return len(settings) == len(_METHODS) and settings.max() == 1 and mine["budget"].nunique() == 1
 
 
-def draw(error: str, runs: pd.DataFrame, traces: pd.DataFrame) -> Drawing:
+def draw(error: str, runs: pd.DataFrame, traces: pd.DataFrame) -> drawing.Drawing:
     """Draw the figure of an error function, beside it at the paper's budget: medians and quartiles over evaluations."""
     panels = [(_of(error, runs), traces)]
     store = kept(_PAPER)
@@ -284,7 +264,7 @@ def draw(error: str, runs: pd.DataFrame, traces: pd.DataFrame) -> Drawing:
             panels.append((longer, ResultStore(store).traces()))
     printed = {method: constants.column(_PAPER, f"table6.{method}").entries[error.lower()] for method in _METHODS}
     numbers = []
-    with rc_context(STYLE):
+    with rc_context(drawing.STYLE):
         figure = Figure(figsize=(1.9 + 4.0 * len(panels), 3.9), layout="constrained")
         both = list(np.atleast_1d(figure.subplots(1, len(panels), sharey=True)))
         for axes, (mine, points) in zip(both, panels, strict=True):
@@ -292,19 +272,19 @@ def draw(error: str, runs: pd.DataFrame, traces: pd.DataFrame) -> Drawing:
             drawn = convergence_bands(mine.assign(method=mine["optimizer"]), points).assign(budget=budget)
             numbers.append(drawn)
             for i, method in enumerate(_METHODS):
-                band = drawn[drawn["method"] == method]
+                band, look = drawn[drawn["method"] == method], drawing.look_of(i)
                 low, middle, high = (np.log10(band[name].clip(lower=1e-300)) for name in ("q1", "median", "q3"))
-                axes.fill_between(band["charged"], low, high, color=look_of(i)["color"], alpha=0.18, linewidth=0)
-                axes.plot(band["charged"], middle, label=f"{method.upper()}, ours", **look_of(i))
+                axes.fill_between(band["charged"], low, high, color=look["color"], alpha=0.18, linewidth=0)
+                axes.plot(band["charged"], middle, label=f"{method.upper()}, ours", **look)
             axes.set(xlim=(0, budget), xlabel="evaluations")
             axes.locator_params(axis="x", nbins=5)
             axes.set_title(f"{budget:,} evaluations: {spread_text(mine)}".replace(",", "\u202f"), fontsize=9)
             for i, (method, end) in enumerate(printed.items()):
-                label = f"{method.upper()}, printed end {end.printed:g}"
-                axes.axhline(np.log10(end.printed), color=look_of(i)["color"], lw=1.1, linestyle=":", label=label)
+                label, colour = f"{method.upper()}, printed end {end.printed:g}", drawing.look_of(i)["color"]
+                axes.axhline(np.log10(end.printed), color=colour, lw=1.1, linestyle=":", label=label)
         both[0].set_ylabel(f"log10 of {error} [{printed['de'].unit.replace('^2', '²').replace('^4', '⁴')}]")
-        put_legend(figure, both)
-        entitle(figure, caption(error))
+        drawing.put_legend(figure, both)
+        drawing.entitle(figure, caption(error))
     return figure, pd.concat(numbers, ignore_index=True)
 
 
@@ -312,7 +292,7 @@ def write(evidence: Evidence, folder: Path) -> list[Path]:
     """Write the figures that the runs of the paper's own study fill; return their SVG files."""
     mine = evidence.runs[evidence.runs["study"] == _PAPER]
     fill = {name: error for name, error in FIGURES.items() if applies(error, mine)}
-    return [save(name, draw(error, mine, evidence.traces), folder)[0] for name, error in fill.items()]
+    return [drawing.save(name, draw(error, mine, evidence.traces), folder)[0] for name, error in fill.items()]
 
 
 def _of(error: str, runs: pd.DataFrame) -> pd.DataFrame:

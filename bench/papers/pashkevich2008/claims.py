@@ -6,10 +6,8 @@ in `cong2008.search`.
 """
 
 from collections.abc import Callable, Iterator
-from functools import cache
 from itertools import pairwise
 from math import nan
-from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -32,7 +30,6 @@ _RESOLUTION = Tolerance(1e-12, "a given number")
 
 
 def identification_rows(printed: Printed) -> Iterator[Row]:
-    """Yield what can be identified, and how well."""
     matrix, given = kinematics.calibration_matrix(), printed.column("text.section34")
     weights_14, entry = covariance(paper_plan()), given.entries["parameter_error"]
     unknowns, rank = printed.column("equation11")["unknowns"], int(np.linalg.matrix_rank(matrix))
@@ -92,7 +89,6 @@ def identification_rows(printed: Printed) -> Iterator[Row]:
 
 
 def improvement_rows(printed: Printed) -> Iterator[Row]:
-    """Yield how much better the machine became."""
     size = [rms(table1(printed, key)) for key in ("exp1", "exp2", "exp3")]
     worst = max(after / before for before, after in pairwise(size))
     yield printed.claim(
@@ -317,12 +313,10 @@ def equation_5(p: Array) -> Array:
 
 
 def equation_6() -> Array:
-    """Return (6) as printed."""
     return np.array([[1.0, 0, 0, -1, 0, 0], [0, 1.0, 0, 0, -1, 0], [0, 0, 1.0, 0, 0, -1]])
 
 
 def equation_7() -> Array:
-    """Return the coefficients of (7): d p_i = d rho_i - d L_i."""
     return np.hstack([np.eye(3), -np.eye(3)])
 
 
@@ -362,15 +356,10 @@ def equation_11_gap() -> float:
     return worst
 
 
-@cache
-def _exact_and_linear() -> tuple[Any, Any]:
-    exact, linear = (ledger.problem("orthoglide6", data="exp2", free="full", model=m) for m in ("exact", "linear"))
-    return exact, linear
-
-
 def linear_error(x: Array) -> float:
     """Return by how much (11) is off the exact model at most at the parameters x, shape (6,), mm."""
-    exact, linear = (kind.residuals(x) - kind.residuals(np.zeros(6)) for kind in _exact_and_linear())
+    both = [ledger.problem("orthoglide6", data="exp2", free="full", model=model) for model in ("exact", "linear")]
+    exact, linear = (p.residuals(x) - p.residuals(np.zeros(6)) for p in both)
     return float(np.abs(exact - linear).max())
 
 

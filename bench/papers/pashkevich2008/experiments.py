@@ -22,14 +22,12 @@ bench discover machine=orthoglide data=exp2                  # the verdict on on
 
 
 def write_page(path: Path) -> Path:
-    """Write the page and return its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(page(fits.experiments()), encoding="utf-8")
     return path
 
 
 def page(results: Experiments) -> str:
-    """Return the page in Markdown."""
     parts = [
         "# What the Orthoglide's experiments support",
         _COMMANDS,
@@ -94,9 +92,6 @@ def _in_short(results: Experiments) -> Iterable[str]:
 
 
 def size_of(candidate: Supported, scale: float = 1.0) -> str:
-    """Return the coefficients with standard errors, at most two of them."""
-    if len(candidate.coefficients) > 2:
-        return f"{len(candidate.coefficients)} numbers"
     pairs = [(scale * c, scale * s) for c, s in zip(candidate.coefficients, candidate.standard_errors)]
     digits = [max(0, 1 - int(np.floor(np.log10(s)))) for _, s in pairs]
     return ", ".join(f"{c:+.{d}f} ± {s:.{d}f}" for (c, s), d in zip(pairs, digits))
