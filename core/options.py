@@ -16,13 +16,14 @@ import re
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from enum import Enum
 from itertools import islice
 from numbers import Number, Real
 from os import PathLike
 from pathlib import PurePath
-from typing import Any, Literal, NewType, Optional, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, NewType, Optional, Union, final, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -34,14 +35,40 @@ _LONG, _BEGINNING = 30, 8  # choices: so many are not all told, but the first on
 _FEW = 3  # choices that begin alike: more are no hint
 
 
+@final
+@dataclass(frozen=True)
+class Range:
+    """Where the numbers of an option lie, both ends included but for a low one that they are `above`.
+
+    An annotation states it, ``Annotated[float, Range(0, 1)]``. `unit` is a word for the message.
+    """
+
+    low: float
+    high: float = math.inf
+    above: bool = False
+    unit: str = ""
+
+    def check(self, label: str, value: Any, numbers: Any) -> None:
+        """Raise `ValueError` where one of `numbers`, for which `value` stands, lies elsewhere; a word lies nowhere."""
+        for number in numbers if isinstance(numbers, tuple) else (numbers,):
+            is_number = isinstance(number, int | float)
+            if not is_number or (self.low <= number <= self.high and not (self.above and number == self.low)):
+                continue
+            rule = f"must be {f'above {self.low:g}' if self.above else f'{self.low:g} or more'}"
+            if self.high < math.inf:
+                rule = f"must lie in {self.low:g} .. {self.high:g}{f', above {self.low:g}' if self.above else ''}"
+            raise ValueError(f"{label}={shown(value)}: {rule}{f' ({self.unit})' if self.unit else ''}")
+
+
 @dataclass(frozen=True)
 class Option:
-    """One option of an entry: its name, type as annotated, and default (`required` where it has none)."""
+    """One option of an entry: its name, type and range as annotated, and default (`required` where it has none)."""
 
     name: str
     type: Any
     default: Any
     required: bool
+    range: Range | None = None
 
     @property
     def annotation(self) -> Any:
@@ -74,7 +101,10 @@ class Option:
             kind = type(own) if kind is Any else kind
             held = {f.name: getattr(own, f.name) for f in fields(own) if f.init}
             value = {**held, **value} if {*value} <= {*held, CLASS} else value
-        return coerce(label, value, kind)
+        taken = coerce(label, value, kind)
+        if self.range is not None:
+            self.range.check(label, value, taken)
+        return taken
 
     def describe(self) -> str:
         """Return the option as the command line takes it, with its choices or type: ``error=J2 (J1|J2|J3)``."""
@@ -86,7 +116,7 @@ def declared_options(factory: Callable[..., Any]) -> dict[str, Option]:
     """Return the options that the signature of `factory` declares."""
     target = factory.func if hasattr(factory, "func") else factory  # a functools.partial carries its hints inside
     try:
-        hints = get_type_hints(target.__init__ if inspect.isclass(target) else target)
+        hints = get_type_hints(target.__init__ if inspect.isclass(target) else target, include_extras=True)
     except NameError:  # annotations that only a type checker can resolve: take values as they come
         hints = {}
     of_class = fields(target) if isinstance(target, type) and is_dataclass(target) else ()
@@ -98,7 +128,9 @@ def declared_options(factory: Callable[..., Any]) -> dict[str, Option]:
         required = parameter.default is parameter.empty
         kind = hints.get(parameter.name, float if type(parameter.default) is float else Any)  # 1 is 1.0 there
         default = None if required else made.get(parameter.name, parameter.default)
-        options[parameter.name] = Option(parameter.name, kind, default, required)
+        stated = next((one for one in getattr(kind, "__metadata__", ()) if isinstance(one, Range)), None)
+        kind = kind.__origin__ if get_origin(kind) is Annotated else kind
+        options[parameter.name] = Option(parameter.name, kind, default, required, stated)
     return options
 
 
@@ -326,6 +358,8 @@ def shown(value: Any, inside: int = 0) -> str:
 def written_out(kind: Any) -> Any:
     """Return what a `type` statement (Python 3.12; NumPy's NDArray is one from 2.5 on) or a `NewType` stands for."""
     alias: Any = getattr(typing, "TypeAliasType", ())
+    while get_origin(kind) is Annotated:
+        kind = kind.__origin__
     while isinstance(kind, typing.NewType):
         kind = kind.__supertype__
     while isinstance(kind, alias) or isinstance(get_origin(kind), alias):
@@ -349,7 +383,6 @@ def _type_name(kind: Any) -> str:
     return "null" if kind is type(None) else getattr(kind, "__name__", str(kind))
 
 
-_NUMBER = re.compile(r"[+-]?(?:\d+(?:_\d+)*)?\.?(?:\d+(?:_\d+)*)?(?:[eE][+-]?\d+)?", re.ASCII)
 _POINT = re.compile(r"(?<![\w.])\.(?=\d)")  # of .05, which JSON does not know
 _TOKEN = re.compile(r"""(?:^|(?<=[\s,:\[{(]))(?:'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*")|\\.|.""", re.DOTALL)
 _CLOSED_BY = {"[": "]", "{": "}", "(": ")"}
@@ -383,17 +416,13 @@ def read_word(text: str, kind: Any = Any) -> Any:
     if is_text(kind, word):
         return text
     for written in (word, _POINT.sub("0.", word)):
-        try:
+        with suppress(ValueError, RecursionError):
             return json.loads(written)
-        except (ValueError, RecursionError):
-            pass
-    is_number = _NUMBER.fullmatch(word) is not None and any(c.isdigit() for c in word)
-    if not is_number or not any(each in (int, float) for each in _kinds(kind)):
-        return text
-    try:
-        return int(word)  # as Python writes it, perhaps with underscores, a sign and zeros before it
-    except ValueError:
-        return float(word)
+    if any(each in (int, float) for each in _kinds(kind)) and any(c in "0123456789" for c in word):
+        for number in (int, float):  # as Python writes it, perhaps with underscores, a sign and zeros before it
+            with suppress(ValueError):
+                return number(word)
+    return text
 
 
 def is_text(kind: Any, word: str) -> bool:
@@ -460,10 +489,8 @@ def unquoted(word: str) -> str:
     if token is None or token[0] != word or len(word) < 2 or word[0] not in "'\"":
         return word
     if word[0] == '"':
-        try:
+        with suppress(ValueError):  # a control character, or an escape that JSON does not know
             return str(json.loads(word))
-        except ValueError:  # a control character, or an escape that JSON does not know
-            pass
     return word[1:-1].replace("\\" + word[0], word[0])
 
 

@@ -211,6 +211,10 @@ class Registry(Generic[T]):
         known = self.told_name(name)
         return checked_options(known, self._declared(known), options)
 
+    def complete(self, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what `check` does, and the defaults of the options that are not given."""
+        return {key: one.default for key, one in self.options(name).items()} | self.check(name, options)
+
     def _declared(self, known: str) -> dict[str, Option]:
         factory = self._by_path[known] if ":" in known else self._options[known]
         before = self._read.get(known)

@@ -6,14 +6,20 @@ An optimiser calls ``objective(x)`` or ``objective.batch(points)``; the call aft
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Annotated, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.options import Range
 from calibench.core.registry import Registry
 
 Array = NDArray[np.float64]
+Share = Annotated[float, Range(0, 1)]
+Count = Annotated[int, Range(1)]
+CountOrNull = Annotated[int | None, Range(1)]
+Positive = Annotated[float, Range(0, above=True)]
+OfBox = Annotated[float, Range(0, 1, above=True, unit="widths of the box")]
 Reason = Literal["converged"]
 
 

@@ -9,11 +9,12 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Any, ClassVar, final
+from typing import Annotated, Any, ClassVar, final
 
 import numpy as np
 
-from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
+from calibench.core.options import Range
+from calibench.optimizers.base import Array, Objective, OfBox, Reason, Traits, registry, with_restarts
 
 _ROUNDING = 1e-15
 
@@ -27,18 +28,15 @@ class DFOLS:
     directions are those of the coordinates. It ends where its trust region is at rounding.
     """
 
-    rhobeg: float = 0.1
-    npt: int | None = None
+    rhobeg: Annotated[float, Range(0, 0.5, above=True, unit="widths of the box")] = 0.1
+    npt: Annotated[int | None, Range(2)] = None
     restarts: bool = False
 
     name: ClassVar[str] = "dfols"
     library: ClassVar[str] = "DFO-LS"
 
     def __post_init__(self) -> None:
-        if not 0 < self.rhobeg <= 0.5:
-            raise ValueError(f"dfols.rhobeg={self.rhobeg:g}: must lie in 0 .. 0.5 (widths of the box)")
-        if self.npt is not None and self.npt < 2:
-            raise ValueError(f"dfols.npt={self.npt}: must be dim + 1 or more, or null")
+        registry.check("dfols", vars(self))
 
     @property
     def traits(self) -> Traits:
@@ -90,17 +88,14 @@ class CMAES:
     `popsize` null: 4 + 3 ln(dim). Its tolerances are off; where it can go no further it begins again at random.
     """
 
-    sigma0: float = 0.3
-    popsize: int | None = None
+    sigma0: OfBox = 0.3
+    popsize: Annotated[int | None, Range(2)] = None
 
     name: ClassVar[str] = "pycma_cmaes"
     library: ClassVar[str] = "cma"
 
     def __post_init__(self) -> None:
-        if not 0 < self.sigma0 <= 1:
-            raise ValueError(f"pycma_cmaes.sigma0={self.sigma0:g}: must lie in 0 .. 1 (widths of the box), above 0")
-        if self.popsize is not None and self.popsize < 2:
-            raise ValueError(f"pycma_cmaes.popsize={self.popsize}: must be 2 or more, or null")
+        registry.check("pycma_cmaes", vars(self))
 
     @property
     def traits(self) -> Traits:

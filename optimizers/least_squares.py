@@ -8,14 +8,16 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar, Literal, final
+from typing import Annotated, Any, ClassVar, Literal, final
 
 import numpy as np
 
+from calibench.core.options import Range
 from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
 
 _EPS = float(np.finfo(float).eps)
 _MINPACK_FACTOR = 100.0
+Tolerance = Annotated[float, Range(_EPS, 1)]  # from rounding on
 
 
 @final
@@ -27,11 +29,6 @@ class LeastSquares:
     name: Literal["lm", "trf", "dogbox"]
     options: Mapping[str, Any]
     library: ClassVar[str] = "scipy"
-
-    def __post_init__(self) -> None:
-        tolerance = self.options["tolerance"]
-        if not _EPS <= tolerance < 1:
-            raise ValueError(f"{self.name}.tolerance={tolerance:g}: must lie between rounding, {_EPS:.3g}, and 1")
 
     @property
     def traits(self) -> Traits:
@@ -97,27 +94,25 @@ class LeastSquares:
 
 
 @registry.register("lm")
-def lm(first_step: float = 0.5, tolerance: float = 1e-15, restarts: bool = False) -> LeastSquares:
+def lm(
+    first_step: Annotated[float, Range(0, above=True, unit="widths of the box")] = 0.5, tolerance: Tolerance = 1e-15,
+    restarts: bool = False,
+) -> LeastSquares:  # fmt: skip
     """Levenberg-Marquardt without bounds (MINPACK).
 
     `first_step` is the radius of the first trust region in widths of the box. MINPACK's own choice, a hundred times the
     norm of x, lets a first step leave for another valley in one start of fifty; half a box never did in 800 starts.
     """
-    if not 0 < first_step < np.inf:
-        raise ValueError(f"lm.first_step={first_step:g}: must be above 0 (widths of the box)")
     return LeastSquares("lm", {"first_step": first_step, "tolerance": tolerance, "restarts": restarts})
 
 
 def _in_the_box(
-    name: Literal["trf", "dogbox"], x_scale: Literal["box", "jac", "unit"] = "box", tolerance: float = 1e-15,
+    name: Literal["trf", "dogbox"], x_scale: Literal["box", "jac", "unit"] = "box", tolerance: Tolerance = 1e-15,
     restarts: bool = False, loss: Literal["linear", "soft_l1", "huber", "cauchy", "arctan"] = "linear",
-    f_scale: float = 1.0,
+    f_scale: Annotated[float, Range(0, above=True, unit="in the unit of the residuals")] = 1.0,
 ) -> LeastSquares:  # fmt: skip
     chosen = {"x_scale": x_scale, "tolerance": tolerance, "restarts": restarts, "loss": loss, "f_scale": f_scale}
-    method = LeastSquares(name, chosen)
-    if not 0 < f_scale < np.inf:
-        raise ValueError(f"{name}.f_scale={f_scale:g}: must be above 0 (in the unit of the residuals)")
-    return method
+    return LeastSquares(name, chosen)
 
 
 _LOSS = """

@@ -7,11 +7,12 @@ value divided by its first size. Nothing may be raised inside NLopt's callback: 
 from collections.abc import Mapping
 from dataclasses import dataclass, make_dataclass
 from functools import partial
-from typing import Any, ClassVar, Literal, final
+from typing import Annotated, Any, ClassVar, Literal, final
 
 import numpy as np
 
-from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
+from calibench.core.options import Range
+from calibench.optimizers.base import Array, CountOrNull, Objective, Reason, Traits, registry, with_restarts
 from calibench.optimizers.derivatives import value_and_gradient
 
 ROUNDING = 1e-15
@@ -29,18 +30,6 @@ class NLopt:
     algorithm: str
     options: Mapping[str, Any]
     library: ClassVar[str] = "nlopt"
-
-    def __post_init__(self) -> None:
-        for option in ("population", "storage"):
-            value = self.options.get(option)
-            if value is not None and value < 1:
-                raise ValueError(f"{self.name}.{option}={value}: must be 1 or more, or null for NLopt's own")
-        step = self.options.get("initial_step")
-        if step is not None and not 0 < step <= 1:
-            raise ValueError(f"{self.name}.initial_step={step:g}: must lie in 0 .. 1 (widths of the box), above 0")
-        tolerance = self.options.get("local_tolerance")
-        if tolerance is not None and not 0 < tolerance < 1:
-            raise ValueError(f"{self.name}.local_tolerance={tolerance:g}: must lie between 0 and 1")
 
     @property
     def name(self) -> str:
@@ -266,9 +255,9 @@ _Free = Literal["LN_BOBYQA", "LN_COBYLA", "LN_NELDERMEAD", "LN_SBPLX"]
 _Gradient = Literal["LD_SLSQP", "LD_MMA", "LD_CCSAQ"]
 _Any = Literal["LD_SLSQP", "LD_MMA", "LD_CCSAQ", "LN_BOBYQA", "LN_COBYLA", "LN_NELDERMEAD", "LN_SBPLX"]
 _SCALED, _RESTARTS = ("scale_value", bool, True), ("restarts", bool, False)
-_POPULATION = ("population", int | None, None)  # null leaves it to NLopt, as it does the next two
-_STEP, _STORAGE = ("initial_step", float | None, None), ("storage", int | None, None)  # a step in widths of the box
-_INNER = ("local_tolerance", float, ROUNDING)
+_POPULATION, _STORAGE = ("population", CountOrNull, None), ("storage", CountOrNull, None)  # null: NLopt's own
+_STEP = ("initial_step", Annotated[float | None, Range(0, 1, above=True, unit="widths of the box")], None)
+_INNER = ("local_tolerance", Annotated[float, Range(0, 1, above=True)], ROUNDING)
 FAMILIES: dict[Family, tuple[tuple[str, Any, Any], ...]] = {  # the options of each: name, type, default
     "global": (_SCALED,),
     "population": (_POPULATION, _SCALED),

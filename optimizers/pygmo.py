@@ -10,12 +10,24 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, make_dataclass
 from functools import partial, wraps
-from math import floor, inf, log, sqrt
-from typing import Any, ClassVar, Literal, final
+from math import floor, log, sqrt
+from typing import Annotated, Any, ClassVar, Literal, final
 
 import numpy as np
 
-from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
+from calibench.core.options import Range
+from calibench.optimizers.base import (
+    Array,
+    Count,
+    CountOrNull,
+    Objective,
+    Positive,
+    Reason,
+    Share,
+    Traits,
+    registry,
+    with_restarts,
+)
 from calibench.optimizers.derivatives import Memoized
 
 
@@ -30,15 +42,10 @@ class Pygmo:
     library: ClassVar[str] = "pygmo"
 
     def __post_init__(self) -> None:
-        for option, value in self.options.items():
-            low, high = _RANGES.get(f"{self.algorithm}.{option}", (-inf, inf))
-            if isinstance(value, int | float) and not low <= value <= high:
-                rule = f"must lie in {low:g} .. {high:g}" if high < inf else f"must be {low:g} or more"
-                raise ValueError(f"{self.name}.{option}={value}: {rule}")
         population = self.options.get("population")
         members = population if isinstance(population, int) else RULES[self.algorithm].least if population else 1
-        known = {**self.options, "members": members, "least": METHODS[self.algorithm].least}
-        for option, holds, rule in (*_CONDITIONS.get(self.algorithm, ()), _ENOUGH):
+        known = {**self.options, "members": members}
+        for option, holds, rule in _CONDITIONS.get(self.algorithm, ()):
             if not holds(known):
                 value = self.options[option]
                 shown = list(value) if isinstance(value, tuple) else value
@@ -290,7 +297,6 @@ class Method:
     """
 
     about: str
-    least: int = 1
     options: tuple[tuple[str, Any, Any], ...] = ()
     fixed: Mapping[str, Any] = field(default_factory=dict)
     from_start: bool = False
@@ -299,17 +305,23 @@ class Method:
     stochastic: bool = True
 
 
-def _members(method: str) -> tuple[str, Any, Any]:
+def _members(method: str, least: int) -> tuple[str, Any, Any]:
     """Return the option `population`: a number, or the rule of `method`, which null is too."""
     default = RULES[method].default
-    return ("population", int | None if isinstance(default, int) else int | Literal[default] | None, default)
+    kind = int | None if isinstance(default, int) else int | Literal[default] | None
+    return "population", Annotated[kind, Range(least)], default
 
 
 _NEVER: dict[str, Any] = {"ftol": 0.0, "xtol": 0.0}
 _IN_THE_BOX = {**_NEVER, "force_bounds": True}
+_Part = Annotated[float, Range(1e-300, 1)]
+_AtLeast0 = Annotated[float, Range(0)]
+_TwoWays, _OfTen, _OfEighteen = (Annotated[int, Range(1, most)] for most in (2, 10, 18))
+_Pull = Annotated[float, Range(0, 4)]
 _SWARM = (
-    ("omega", float, 0.7298), ("eta1", float, 2.05), ("eta2", float, 2.05), ("max_vel", float, 0.5),
-    ("variant", int, 5), ("neighb_type", int, 2), ("neighb_param", int, 4),
+    ("omega", Share, 0.7298), ("eta1", _Pull, 2.05), ("eta2", _Pull, 2.05), ("max_vel", _Part, 0.5),
+    ("variant", Annotated[int, Range(1, 6)], 5), ("neighb_type", Annotated[int, Range(1, 4)], 2),
+    ("neighb_param", Count, 4),
 )  # fmt: skip
 _RESTARTS = ("restarts", bool, False)
 _CROSSOVER = Literal["exponential", "binomial", "single", "sbx"]
@@ -317,32 +329,33 @@ _MUTATION, _SELECTION = Literal["gaussian", "polynomial", "uniform"], Literal["t
 METHODS: dict[str, Method] = {
     "de": Method(
         about="Differential evolution; `variant` 1-10 as pygmo numbers them (2 is rand/1/exp).",
-        least=5, options=(_members("de"), ("F", float, 0.8), ("CR", float, 0.9), ("variant", int, 2)), fixed=_NEVER,
+        options=(_members("de", 5), ("F", Share, 0.8), ("CR", Share, 0.9), ("variant", _OfTen, 2)), fixed=_NEVER,
     ),
     "sade": Method(
         about="Self-adaptive differential evolution; `variant` 1-18, `variant_adptv` 1 (jDE) or 2 (iDE).",
-        least=7, options=(_members("sade"), ("variant", int, 2), ("variant_adptv", int, 1)), fixed=_NEVER,
+        options=(_members("sade", 7), ("variant", _OfEighteen, 2), ("variant_adptv", _TwoWays, 1)), fixed=_NEVER,
     ),
     "de1220": Method(
         about="Differential evolution that adapts its variant too, out of `allowed_variants` (each 1-18).",
-        least=7, options=(
-            _members("de1220"), ("allowed_variants", tuple[int, ...], (2, 3, 7, 10, 13, 14, 15, 16)),
-            ("variant_adptv", int, 1),
+        options=(
+            _members("de1220", 7), ("allowed_variants", tuple[int, ...], (2, 3, 7, 10, 13, 14, 15, 16)),
+            ("variant_adptv", _TwoWays, 1),
         ),
         fixed=_NEVER,
     ),
     "pso": Method(
         about="Particle swarm; `variant` 1-6 (5: constriction), `neighb_type` 1-4 (2: ring of `neighb_param`).",
-        least=2, options=(_members("pso"), *_SWARM),
+        options=(_members("pso", 2), *_SWARM),
     ),
     "pso_gen": Method(
         about="Particle swarm whose particles move all at once, a generation at a time; options as pygmo_pso.",
-        least=2, options=(_members("pso_gen"), *_SWARM), batches=True,
+        options=(_members("pso_gen", 2), *_SWARM), batches=True,
     ),
     "sga": Method(
         about="Simple genetic algorithm; probabilities `cr`, `m`, and the parameters of its three operators.",
-        least=2, options=(
-            _members("sga"), ("cr", float, 0.9), ("eta_c", float, 1.0), ("m", float, 0.02), ("param_m", float, 1.0),
+        options=(
+            _members("sga", 2), ("cr", Share, 0.9), ("eta_c", Annotated[float, Range(1, 100)], 1.0), ("m", Share, 0.02),
+            ("param_m", float, 1.0),
             ("param_s", int, 2), ("crossover", _CROSSOVER, "exponential"), ("mutation", _MUTATION, "polynomial"),
             ("selection", _SELECTION, "tournament"),
         ),
@@ -350,33 +363,35 @@ METHODS: dict[str, Method] = {
     "bee_colony": Method(
         about="Artificial bee colony; a source that did not improve `limit` times is left.\n\nA generation costs two"
         " populations.",
-        least=2, options=(_members("bee_colony"), ("limit", int, 20)),
+        options=(_members("bee_colony", 2), ("limit", Count, 20)),
     ),
     "gaco": Method(
         about="Extended ant colony; `ker` solutions are remembered, `q` weighs the better ones, `focus` narrows the"
         " search.\n\n`ker` null: pygmo's 63, or the whole population where it is smaller.\n\n`acc` is the least"
         " distance between what is remembered. pygmo's two stops by count are switched off.",
-        least=2, options=(
-            _members("gaco"), ("ker", int | None, None), ("q", float, 1.0), ("acc", float, 0.01), ("focus", float, 0.0),
+        options=(
+            _members("gaco", 2), ("ker", int | None, None), ("q", _AtLeast0, 1.0), ("acc", _AtLeast0, 0.01),
+            ("focus", _AtLeast0, 0.0),
         ),
         fixed={"impstop": 2**31 - 1, "evalstop": 2**31 - 1}, batches=True,
     ),
     "gwo": Method(
         about="Grey wolf optimiser: it narrows over the generations, of which it is given as many as the budget holds.",
-        least=3, options=(_members("gwo"),),
+        options=(_members("gwo", 3),),
     ),
     "cmaes": Method(
         about="Covariance matrix adaptation; `sigma0` is the first step size in shares of the box.",
-        least=5, options=(_members("cmaes"), ("sigma0", float, 0.5)), fixed=_IN_THE_BOX, batches=True,
+        options=(_members("cmaes", 5), ("sigma0", Positive, 0.5)), fixed=_IN_THE_BOX, batches=True,
     ),
     "xnes": Method(
         about="Exponential natural evolution strategy; `sigma0` is the first step size, null leaves it to pygmo.",
-        least=4, options=(_members("xnes"), ("sigma0", float | None, None)), fixed=_IN_THE_BOX,
+        fixed=_IN_THE_BOX,
+        options=(_members("xnes", 4), ("sigma0", Annotated[float | None, Range(0, 1, above=True)], None)),
     ),
     "ihs": Method(
         about="Improved harmony search: one new harmony an iteration; `ppar` rises and `bw` falls over the budget.",
         options=(
-            _members("ihs"), ("phmcr", float, 0.85), ("ppar_min", float, 0.35), ("ppar_max", float, 0.99),
+            _members("ihs", 1), ("phmcr", Share, 0.85), ("ppar_min", Share, 0.35), ("ppar_max", Share, 0.99),
             ("bw_min", float, 1e-5), ("bw_max", float, 1.0),
         ),
     ),
@@ -384,7 +399,8 @@ METHODS: dict[str, Method] = {
         about="Compass search: steps along the axes, in shares of the box, which shrink from `start_range` to"
         " `stop_range`.",
         options=(
-            ("start_range", float, 0.1), ("stop_range", float, 1e-16), ("reduction_coeff", float, 0.5), _RESTARTS,
+            ("start_range", _Part, 0.1), ("stop_range", float, 1e-16),
+            ("reduction_coeff", Annotated[float, Range(1e-3, 1 - 1e-3)], 0.5), _RESTARTS,
         ),
         from_start=True, stops=True, stochastic=False,
     ),
@@ -392,8 +408,8 @@ METHODS: dict[str, Method] = {
         about="Corana's annealing from temperature `Ts` to `Tf`, in units of the value at the start.\n\n`n_T_adj`"
         " temperatures; null: as many as the budget holds. When the schedule is over it begins again at random.",
         options=(
-            ("Ts", float, 0.1), ("Tf", float, 1e-8), ("n_T_adj", int | None, None), ("n_range_adj", int, 1),
-            ("bin_size", int, 20), ("start_range", float, 1.0),
+            ("Ts", float, 0.1), ("Tf", float, 1e-8), ("n_T_adj", CountOrNull, None), ("n_range_adj", Count, 1),
+            ("bin_size", Count, 20), ("start_range", _Part, 1.0),
         ),
         from_start=True,
     ),
@@ -406,37 +422,21 @@ METHODS: dict[str, Method] = {
         " With fewer steps than dimensions it crawls where the condition is high. The value is divided by its first"
         " size, so that the tolerance is relative: 1e-15 is the goal of a calibration, and below it a descent ends by"
         " Ipopt's own smallest step.",
-        options=(("tolerance", float, 1e-15), ("memory", int | None, None), _RESTARTS),
+        options=(("tolerance", _Part, 1e-15), ("memory", CountOrNull, None), _RESTARTS),
         from_start=True, stops=True, stochastic=False,
     ),
     "mbh": Method(
         about="Monotonic basin hopping: `inner` from the best point, moved at random by up to `perturb` of the box, for"
         " ever.\n\n`inner_tolerance` ends a descent: the stop range of compass search, the tolerance of Ipopt.",
         options=(
-            ("inner", Literal["compass_search", "ipopt"], "compass_search"), ("perturb", float, 0.01),
-            ("inner_tolerance", float, 1e-8),
+            ("inner", Literal["compass_search", "ipopt"], "compass_search"), ("perturb", _Part, 0.01),
+            ("inner_tolerance", Annotated[float, Range(1e-300, 0.1)], 1e-8),
         ),
         from_start=True,
     ),
 }  # fmt: skip
 
 Condition = tuple[str, Callable[[dict[str, Any]], Any], str]  # an option, whether it is right, the rule
-_POSITIVE = (1e-300, 1.0)
-_RANGES: dict[str, tuple[float, float]] = {  # each end included
-    "de.F": (0, 1), "de.CR": (0, 1), "de.variant": (1, 10), "sade.variant": (1, 18), "sade.variant_adptv": (1, 2),
-    "de1220.variant_adptv": (1, 2), "sga.cr": (0, 1), "sga.m": (0, 1), "sga.eta_c": (1, 100),
-    "bee_colony.limit": (1, inf), "gaco.q": (0, inf), "gaco.acc": (0, inf), "gaco.focus": (0, inf),
-    "ihs.phmcr": (0, 1), "ihs.ppar_min": (0, 1), "ihs.ppar_max": (0, 1), "compass_search.start_range": _POSITIVE,
-    "compass_search.reduction_coeff": (1e-3, 1 - 1e-3), "simulated_annealing.n_T_adj": (1, inf),
-    "simulated_annealing.n_range_adj": (1, inf), "simulated_annealing.bin_size": (1, inf),
-    "simulated_annealing.start_range": _POSITIVE, "ipopt.tolerance": _POSITIVE, "mbh.perturb": _POSITIVE,
-    "mbh.inner_tolerance": (1e-300, 0.1),
-    **{f"{swarm}.{option}": ends for swarm in ("pso", "pso_gen") for option, ends in {
-        "omega": (0, 1), "eta1": (0, 4), "eta2": (0, 4), "max_vel": _POSITIVE, "variant": (1, 6), "neighb_type": (1, 4),
-        "neighb_param": (1, inf),
-    }.items()},
-}  # fmt: skip
-_ENOUGH: Condition = ("population", lambda o: o["members"] >= o["least"], "pygmo asks for {least} or more")
 _CONDITIONS: dict[str, tuple[Condition, ...]] = {
     "de1220": ((
         "allowed_variants", lambda o: o["allowed_variants"] and all(1 <= each <= 18 for each in o["allowed_variants"]),
@@ -450,10 +450,6 @@ _CONDITIONS: dict[str, tuple[Condition, ...]] = {
         ("param_s", lambda o: 1 <= o["param_s"] <= o["members"], "must lie in 1 .. {members:g}"),
     ),
     "gaco": (("ker", lambda o: o["ker"] is None or 2 <= o["ker"] <= o["members"], "must lie in 2 .. {members:g}"),),
-    "cmaes": (("sigma0", lambda o: o["sigma0"] > 0, "must be above 0"),),
-    "xnes": ((
-        "sigma0", lambda o: o["sigma0"] is None or 0 < o["sigma0"] <= 1, "must lie in 0 .. 1, above 0, or null",
-    ),),
     "ihs": (
         ("ppar_min", lambda o: o["ppar_min"] < o["ppar_max"], "must be below ppar_max={ppar_max:g}"),
         ("bw_min", lambda o: 0 < o["bw_min"] < o["bw_max"], "must be above 0 and below bw_max={bw_max:g}"),
@@ -462,7 +458,6 @@ _CONDITIONS: dict[str, tuple[Condition, ...]] = {
         "stop_range", lambda o: 1e-300 <= o["stop_range"] <= o["start_range"], "must lie in 1e-300 .. {start_range:g}",
     ),),
     "simulated_annealing": (("Tf", lambda o: 0 < o["Tf"] < o["Ts"], "must be above 0 and below Ts={Ts:g}"),),
-    "ipopt": (("memory", lambda o: o["memory"] is None or o["memory"] >= 1, "must be 1 or more, or null"),),
 }  # fmt: skip
 
 

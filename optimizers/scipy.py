@@ -13,11 +13,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, make_dataclass
 from functools import partial
 from itertools import count
-from typing import Any, ClassVar, Literal, final
+from typing import Annotated, Any, ClassVar, Literal, final
 
 import numpy as np
 
-from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
+from calibench.core.options import Range
+from calibench.optimizers.base import Array, Count, Objective, Positive, Reason, Share, Traits, registry, with_restarts
 from calibench.optimizers.derivatives import Memoized, value_and_gradient
 
 _LARGEST = 1e100  # stands for an infinite value: models built through inf become NaN
@@ -25,12 +26,6 @@ _EPS = float(np.finfo(float).eps)
 _MOST_AT_ONCE = 2_000_000  # evaluations that DIRECT holds memory for, 50 bytes each and more
 ROUNDING = 1e-15
 EQUAL = 1e-300  # only equal values differ by less; 0 would let SLSQP go on from them for ever
-_LEAST = {"maxcor": 1, "maxls": 1, "popsize": 1, "interval": 1, "n": 1, "iters": 1, "Ns": 2, "T": 0}
-_ABOVE_0 = ("rhobeg", "initial_tr_radius", "initial_barrier_parameter", "stepsize", "eps")
-_BETWEEN = {  # two ends, and that of them which SciPy's range holds
-    "initial_temp": (0.01, 5e4, 5e4), "restart_temp_ratio": (0.0, 1.0, None), "visit": (1.0, 3.0, 3.0),
-    "accept": (-1e4, -5.0, -5.0),
-}  # fmt: skip
 DESCENT = {"ftol": 0.0, "gtol": 0.0}  # of an L-BFGS-B inside another method: on to rounding
 
 
@@ -46,31 +41,17 @@ class SciPy:
 
     def __post_init__(self) -> None:
         chosen: dict[str, Any] = {option: value for option, value in self.options.items() if value is not None}
-        for option, value in chosen.items():
-            asked = f"{self.name}.{option}={format(value, 'g') if isinstance(value, float) else value}"
-            if option in _LEAST and value < _LEAST[option]:
-                raise ValueError(f"{asked}: must be {_LEAST[option]} or more")
-            if option in _ABOVE_0 and not 0 < value < np.inf:
-                raise ValueError(f"{asked}: must be above 0")
-            if option in _BETWEEN:
-                low, high, is_in = _BETWEEN[option]
-                if not low < value < high and value != is_in:
-                    raise ValueError(f"{asked}: must lie in {low:g} .. {high:g}")
         if "c1" in chosen and not 0 < chosen["c1"] < chosen["c2"] < 1:
             rule = f"must be above 0 and below c2={chosen['c2']:g}, and that below 1"
             raise ValueError(f"{self.name}.c1={chosen['c1']:g}: {rule}")
         if "max_trust_radius" in chosen:
-            first, most, eta = chosen["initial_trust_radius"], chosen["max_trust_radius"], chosen["eta"]
+            first, most = chosen["initial_trust_radius"], chosen["max_trust_radius"]
             if not 0 < first < most:
                 rule = f"must be above 0 and below max_trust_radius={most:g}"
                 raise ValueError(f"{self.name}.initial_trust_radius={first:g}: {rule}")
-            if not 0 <= eta < 0.25:
-                raise ValueError(f"{self.name}.eta={eta:g}: must lie in 0 .. 0.25")
-        mutation, recombination = chosen.get("mutation", (0,)), chosen.get("recombination", 0)
+        mutation = chosen.get("mutation", (0,))
         if len(mutation) not in (1, 2) or not all(0 <= one < 2 for one in mutation):
             raise ValueError(f"{self.name}.mutation={list(mutation)}: one or two numbers in 0 .. 2")
-        if not 0 <= recombination <= 1:
-            raise ValueError(f"{self.name}.recombination={recombination:g}: must lie in 0 .. 1")
 
     @property
     def name(self) -> str:
@@ -290,7 +271,8 @@ class Setting:
 _SCALED: tuple[str, Any, Any] = ("scaled", bool, True)
 _GO_ON: tuple[tuple[str, Any, Any], ...] = (_SCALED, ("restarts", bool, False))
 _WOLFE = (("c1", float, 1e-4), ("c2", float, 0.9), *_GO_ON)
-_TRUST = (("initial_trust_radius", float, 1.0), ("max_trust_radius", float, 1000.0), ("eta", float, 0.15), *_GO_ON)
+_ETA = Annotated[float, Range(0, np.nextafter(0.25, 0))]
+_TRUST = (("initial_trust_radius", float, 1.0), ("max_trust_radius", float, 1000.0), ("eta", _ETA, 0.15), *_GO_ON)
 _newton = partial(
     Setting, options=_TRUST, given={"gtol": 0.0}, gradient=True, bounded=False, first_per_dimension=1
 )  # in a trust region
@@ -323,7 +305,7 @@ SETTINGS: dict[str, Setting] = {
     "l_bfgs_b": Setting(
         about="BFGS in a box with limited memory (Byrd, Lu, Nocedal, Zhu 1995).\n\n`maxcor` steps are remembered, and a"
         " line search has `maxls` evaluations.",
-        options=(("maxcor", int, 10), ("maxls", int, 20), *_GO_ON), word="L-BFGS-B", given=DESCENT,
+        options=(("maxcor", Count, 10), ("maxls", Count, 20), *_GO_ON), word="L-BFGS-B", given=DESCENT,
         counts=("maxiter", "maxfun"), gradient=True, together=True, first_per_dimension=1,
     ),
     "tnc": Setting(
@@ -335,13 +317,13 @@ SETTINGS: dict[str, Setting] = {
     "cobyla": Setting(
         about="Linear models over a simplex (Powell 1994, in PRIMA's Python); may leave the box on its way.\n\n`rhobeg`"
         " is the first trust region, in widths of the box where it is `scaled`.",
-        options=(("rhobeg", float, 1.0), *_GO_ON), word="COBYLA", given={"tol": ROUNDING}, bounded=False,
+        options=(("rhobeg", Positive, 1.0), *_GO_ON), word="COBYLA", given={"tol": ROUNDING}, bounded=False,
         first_per_dimension=1,
     ),
     "cobyqa": Setting(
         about="Quadratic models in a box, without derivatives (Ragonneau 2022).\n\n`initial_tr_radius` is the first"
         " trust region, in widths of the box where it is `scaled`.",
-        options=(("initial_tr_radius", float, 1.0), *_GO_ON), word="COBYQA", given={"final_tr_radius": ROUNDING},
+        options=(("initial_tr_radius", Positive, 1.0), *_GO_ON), word="COBYQA", given={"final_tr_radius": ROUNDING},
         counts=("maxiter", "maxfev"), first_per_dimension=2,
     ),
     "slsqp": Setting(
@@ -350,7 +332,7 @@ SETTINGS: dict[str, Setting] = {
     ),
     "trust_constr": Setting(
         about="Interior point with trust regions, strictly inside the box (Byrd, Hribar, Nocedal 1999).",
-        options=(("initial_tr_radius", float, 1.0), ("initial_barrier_parameter", float, 0.1), *_GO_ON),
+        options=(("initial_tr_radius", Positive, 1.0), ("initial_barrier_parameter", Positive, 0.1), *_GO_ON),
         word="trust-constr", given={"gtol": 0.0, "xtol": ROUNDING, "barrier_tol": ROUNDING}, gradient=True,
         first_per_dimension=1,
     ),
@@ -375,8 +357,8 @@ SETTINGS: dict[str, Setting] = {
         about="Differential evolution (Storn, Price 1997), a generation of `popsize` x dim members at a time.\n\n"
         "`mutation`: one factor, or the two ends of what each generation draws its own from.",
         options=(
-            ("strategy", _STRATEGY, "best1bin"), ("popsize", int, 15), ("mutation", tuple[float, ...], (0.5, 1.0)),
-            ("recombination", float, 0.7), ("init", _INIT, "latinhypercube"),
+            ("strategy", _STRATEGY, "best1bin"), ("popsize", Count, 15), ("mutation", tuple[float, ...], (0.5, 1.0)),
+            ("recombination", Share, 0.7), ("init", _INIT, "latinhypercube"),
         ),
         given={"tol": -1.0, "atol": -1.0, "polish": False, "updating": "deferred", "vectorized": True}, stops=False,
         stochastic=True, uses_start=False, needs_finite_bounds=True, batches=True,
@@ -384,34 +366,36 @@ SETTINGS: dict[str, Setting] = {
     "dual_annealing": Setting(
         about="Generalised annealing with descents between (Xiang et al. 1997).",
         options=(
-            ("initial_temp", float, 5230.0), ("restart_temp_ratio", float, 2e-5), ("visit", float, 2.62),
-            ("accept", float, -5.0), ("no_local_search", bool, False), _SCALED,
+            ("initial_temp", Annotated[float, Range(0.01, 5e4, above=True)], 5230.0),
+            ("restart_temp_ratio", Annotated[float, Range(0, np.nextafter(1, 0), above=True)], 2e-5),
+            ("visit", Annotated[float, Range(1, 3, above=True)], 2.62),
+            ("accept", Annotated[float, Range(-1e4, -5, above=True)], -5.0), ("no_local_search", bool, False), _SCALED,
         ),
         counts=("maxiter", "maxfun"), stops=False, stochastic=True, gradient=True, needs_finite_bounds=True,
     ),
     "basinhopping": Setting(
         about="Basin hopping (Wales, Doye 1997): descents by L-BFGS-B from points moved at random.\n\n`stepsize` in"
         " widths of the box and `T` in values of the start, where it is `scaled`.",
-        options=(("T", float, 1.0), ("stepsize", float, 0.5), ("interval", int, 50), _SCALED),
+        options=(("T", Annotated[float, Range(0)], 1.0), ("stepsize", Positive, 0.5), ("interval", Count, 50), _SCALED),
         given={"niter_success": None}, counts=("niter",), stops=False, stochastic=True, gradient=True,
         needs_finite_bounds=True, first_per_dimension=1,
     ),
     "shgo": Setting(
         about="Simplicial homology (Endres, Sandrock, Focke 2018): descents from the minima of a complex of `n`"
         " points.",
-        options=(("n", int, 100), ("iters", int, 1), ("sampling_method", _SAMPLING, "simplicial"), _SCALED),
+        options=(("n", Count, 100), ("iters", Count, 1), ("sampling_method", _SAMPLING, "simplicial"), _SCALED),
         counts=(), stops=False, gradient=True, uses_start=False, needs_finite_bounds=True,
         maximum_dimension=8,  # its complex has 2^d corners
     ),
     "direct": Setting(
         about="Divide the box into rectangles (Jones et al. 1993; `locally_biased`: Gablonsky, Kelley 2001).",
-        options=(("eps", float, 1e-4), ("locally_biased", bool, True)), given={"vol_tol": 0.0, "len_tol": 0.0},
+        options=(("eps", Positive, 1e-4), ("locally_biased", bool, True)), given={"vol_tol": 0.0, "len_tol": 0.0},
         counts=("maxfun", "maxiter"), stops=False, uses_start=False, needs_finite_bounds=True,
     ),
     "brute": Setting(
         about="A grid of `Ns` points a coordinate, then a simplex from the best; null: what two thirds of the budget"
         " hold.",
-        options=(("Ns", int | None, None), _SCALED),
+        options=(("Ns", Annotated[int | None, Range(2)], None), _SCALED),
         counts=(), stops=False, uses_start=False, needs_finite_bounds=True, maximum_dimension=16,
     ),
 }  # fmt: skip

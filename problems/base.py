@@ -6,16 +6,17 @@ of merit) is extra that an optimiser or a table may use where it is there.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.options import shown
+from calibench.core.options import Range, shown
 from calibench.core.registry import Registry
 from calibench.core.words import counted, html_table
 
 Array = NDArray[np.float64]
+Number = Annotated[int | None, Range(1)]  # of an instance of a family
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,18 +8,20 @@ that differs between two machines reaches the problem.
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar, final
+from typing import Annotated, Any, TypeVar, final
 
 import numpy as np
 
-from calibench.core.options import shown
+from calibench.core.options import Range, shown
 from calibench.core.seeds import seed_sequence
 from calibench.problems.base import Array
 
 T = TypeVar("T")
+Seed = Annotated[int, Range(0)]
+Sigma = Annotated[float, Range(0, unit="a standard deviation, mm")]
+Radians = Annotated[float, Range(0, 1, unit="a standard deviation, rad")]  # above 1 rad nothing is left of a reading
 WORST_CONDITION = 1e4  # of the identifiable part: a disc of R 100 has 9e2, one circle of R 80 6e4
 WORST_ERROR = 1.0  # mm: what the noise may leave in the worst direction that can be seen (angles times 244 mm)
 _ATTEMPTS = 1000
@@ -57,13 +59,6 @@ class Stream:
     def sign(self) -> float:
         """Return 1 or -1."""
         return 1.0 if self.rng.random() < 0.5 else -1.0
-
-
-def bound(declared: Callable[..., Any], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return checked options with the defaults of the signature that declares them."""
-    signature = inspect.signature(declared).bind(**options)
-    signature.apply_defaults()
-    return dict(signature.arguments)
 
 
 @final
@@ -119,16 +114,6 @@ class Box:
         return Box(*np.array(rows).T)
 
 
-def check_noise(
-    family: str, chosen: Mapping[str, Any], unit: str, level: str = "noise", seed: str = "data_seed"
-) -> None:
-    """Raise `ValueError` for a noise or a seed below 0, which are the options `level` and `seed`."""
-    if chosen[level] < 0:
-        raise ValueError(f"{family}.{level}={chosen[level]:g}: a standard deviation [{unit}] cannot be negative")
-    if chosen[seed] < 0:
-        raise ValueError(f"{family}.{seed}={chosen[seed]}: must be 0 or above")
-
-
 def refuse_drawn(family: str, instance: int, given: dict[str, Any], drawn: dict[str, Any]) -> None:
     """Raise `ValueError` for an option that was given otherwise than the instance has it; the same value is no harm."""
     for key, value in drawn.items():
@@ -140,9 +125,7 @@ def refuse_drawn(family: str, instance: int, given: dict[str, Any], drawn: dict[
 
 
 def first_that_fits(family: str, instance: int, attempt: Callable[[int], T | None]) -> T:
-    """Return what the first of the attempts 0, 1, ... gives that gives something; `ValueError` for no `instance`."""
-    if instance < 1:
-        raise ValueError(f"{family}.instance={shown(instance)}: a whole number from 1 is needed")
+    """Return what the first of the attempts 0, 1, ... gives that gives something."""
     for number in range(_ATTEMPTS):
         found = attempt(number)
         if found is not None:

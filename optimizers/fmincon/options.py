@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cache, partial
-from typing import Any, Literal, final, get_type_hints
+from typing import Annotated, Any, Literal, final
 
 import numpy as np
 
-from calibench.core.options import coerce, suggest
+from calibench.core.options import Range, declared_options, suggest
 from calibench.optimizers.base import Array
 
 StopRule = Literal["relative", "absolute"]
@@ -51,6 +51,10 @@ DifferenceType = Literal["forward", "central"]
 Display = Literal["off", "iter", "final"]
 StepRule = Literal["box", "typical_x", "gradient"]
 Numbers = float | tuple[float, ...]
+_NotNegative = Annotated[float, Range(0)]
+_NotNegativeOrNone = Annotated[float | None, Range(0)]
+_Positive = Annotated[float | None, Range(0, above=True)]
+_PositiveNumbers = Annotated[Numbers | None, Range(0, above=True)]
 
 _FORMER = {
     "TolX": "StepTolerance", "TolFun": "OptimalityTolerance", "TolCon": "ConstraintTolerance",
@@ -67,14 +71,6 @@ _ELSEWHERE = {  # MATLAB's options of algorithms, and of parts of algorithms, th
     ),
 }  # fmt: skip
 _INTERIOR_ONLY = ("InitBarrierParam", "InitTrustRegionRadius")
-_NON_NEGATIVE = (
-    "OptimalityTolerance", "ConstraintTolerance", "StepTolerance", "FunctionTolerance", "MaxIterations",
-    "DiffMinChange",
-)  # fmt: skip
-_POSITIVE = (
-    "InitBarrierParam", "InitTrustRegionRadius", "MaxFunctionEvaluations", "DiffMaxChange",
-    "FiniteDifferenceStepSize", "TypicalX",
-)  # fmt: skip
 _ONLY_WITH = {  # option: the option and the values of it that it belongs to
     "FiniteDifferenceStepSize": ("FiniteDifferenceStepRule", ("typical_x",)),
     "TypicalX": ("FiniteDifferenceStepRule", ("typical_x",)),
@@ -107,46 +103,40 @@ class Options:
     """
 
     Algorithm: Algorithm = "sqp"
-    OptimalityTolerance: float = 1e-6
-    ConstraintTolerance: float = 1e-6
-    StepTolerance: float | None = None
+    OptimalityTolerance: _NotNegative = 1e-6
+    ConstraintTolerance: _NotNegative = 1e-6
+    StepTolerance: _NotNegativeOrNone = None
     ObjectiveLimit: float = -1e20
-    MaxIterations: int | None = None
-    MaxFunctionEvaluations: int | None = None
+    MaxIterations: Annotated[int | None, Range(0)] = None
+    MaxFunctionEvaluations: Annotated[int | None, Range(0, above=True)] = None
     FiniteDifferenceType: DifferenceType = "forward"
     ScaleProblem: bool = True
     Display: Display = "off"
     OutputFcn: Callable[..., Any] | None = None
     SpecifyObjectiveGradient: bool = False
     SpecifyConstraintGradient: bool = False
-    InitBarrierParam: float | None = None
-    InitTrustRegionRadius: float | None = None
+    InitBarrierParam: _Positive = None
+    InitTrustRegionRadius: _Positive = None
     FiniteDifferenceStepRule: StepRule = "box"
-    FiniteDifferenceStepSize: Numbers | None = None
-    TypicalX: Numbers | None = None
-    DiffMinChange: float | None = None
-    DiffMaxChange: float | None = None
+    FiniteDifferenceStepSize: _PositiveNumbers = None
+    TypicalX: _PositiveNumbers = None
+    DiffMinChange: _NotNegativeOrNone = None
+    DiffMaxChange: _Positive = None
     StopRule: StopRule = "relative"
     StopPlace: StopPlace | None = None
-    FunctionTolerance: float | None = None
+    FunctionTolerance: _NotNegativeOrNone = None
     ScaleVariables: bool = True
 
     def __post_init__(self) -> None:
-        hints = _hints()
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name == "ObjectiveLimit" and value == float("-inf"):
+        for name, option in _declared().items():
+            value = getattr(self, name)
+            if name == "ObjectiveLimit" and value == float("-inf"):
                 continue
-            if field.name == "OutputFcn":
+            if name == "OutputFcn":
                 if value is not None and not callable(value):
                     raise ValueError(f"OutputFcn={value!r}: a function of (x, optimValues, state) is needed")
                 continue
-            object.__setattr__(self, field.name, coerce(field.name, value, hints[field.name]))
-        for name in (*_NON_NEGATIVE, *_POSITIVE):
-            value = getattr(self, name)
-            least = None if value is None else min(value, default=0.0) if isinstance(value, tuple) else value
-            if least is not None and (least < 0 or (least == 0 and name in _POSITIVE)):
-                raise ValueError(f"{name}={least:g}: must be {'above 0' if name in _POSITIVE else '0 or more'}")
+            object.__setattr__(self, name, option.taken(name, value))
         if self.Algorithm == "sqp":
             for name in _INTERIOR_ONLY:
                 if getattr(self, name) is not None:
@@ -181,13 +171,7 @@ class Options:
         )
 
 
-_KINDS = {  # these fields hide the types of their own names
-    "Algorithm": Algorithm, "Display": Display, "StopRule": StopRule, "StopPlace": StopPlace,
-}  # fmt: skip
-
-
-# the types of the options: to find them out takes 2 ms, and a search makes options a dozen times
-_hints = cache(partial(get_type_hints, Options, localns=_KINDS))
+_declared = cache(partial(declared_options, Options))  # it takes 2 ms, and a search makes options a dozen times
 
 
 def optimoptions(options: Options | Mapping[str, Any] | None = None, /, **changes: Any) -> Options:

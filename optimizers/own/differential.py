@@ -1,11 +1,12 @@
 """`de`: differential evolution exactly as Cong et al. 2008 state it (section 4.3, settings of 4.4)."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, final
+from typing import Annotated, ClassVar, final
 
 import numpy as np
 
-from calibench.optimizers.base import Objective, Reason, Traits, registry
+from calibench.core.options import Range
+from calibench.optimizers.base import Objective, Reason, Share, Traits, registry
 from calibench.optimizers.own.population import population_traits, rehearse
 
 
@@ -20,20 +21,15 @@ class DifferentialEvolution:
     the same search to the last bit, sooner where the objective can (`Objective.batch_below`).
     """
 
-    population: int = 150
-    F: float = 0.5
-    CR: float = 0.8
+    population: Annotated[int, Range(4)] = 150  # a member and three others
+    F: Annotated[float, Range(0, 2)] = 0.5
+    CR: Share = 0.8
     early_abandon: bool = False
 
     name: ClassVar[str] = "de"
 
     def __post_init__(self) -> None:
-        if self.population < 4:
-            raise ValueError(f"de.population={self.population}: a member and three others are needed, so 4 or more")
-        if not 0 <= self.F <= 2:
-            raise ValueError(f"de.F={self.F:g}: must lie in 0 .. 2")
-        if not 0 <= self.CR <= 1:
-            raise ValueError(f"de.CR={self.CR:g}: must lie in 0 .. 1")
+        registry.check("de", vars(self))
 
     @property
     def traits(self) -> Traits:

@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass, replace
 from math import ceil, inf, log2
-from typing import ClassVar, Literal, final
+from typing import Annotated, ClassVar, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.optimizers.base import Array, Objective, Reason, Traits, registry
+from calibench.core.options import Range
+from calibench.optimizers.base import Array, Count, Objective, Positive, Reason, Share, Traits, registry
 from calibench.optimizers.own.population import population_traits, rehearse
 
 _LONGEST = 53  # bits of a parameter that a double holds exactly
@@ -33,12 +34,12 @@ class GeneticAlgorithm:
     - `renewal`: the half that begins again is a random one, or the worst.
     """
 
-    population: int = 100
-    precision: float = 1e-4
-    tournament: int = 4
-    PCrossover: float = 0.85
-    PMutation: float = 0.15
-    NR: int = 50
+    population: Annotated[int, Range(2)] = 100  # a pair crosses
+    precision: Positive = 1e-4
+    tournament: Count = 4
+    PCrossover: Share = 0.85
+    PMutation: Share = 0.15
+    NR: Count = 50
     rivals: Literal["any", "distinct"] = "any"
     mutation_per: Literal["individual", "parameter", "bit"] = "individual"
     crossover: Literal["string", "parameter"] = "string"
@@ -50,20 +51,9 @@ class GeneticAlgorithm:
 
     def __post_init__(self) -> None:
         registry.check("ga", vars(self))
-        if self.population < 2:
-            raise ValueError(f"ga.population={self.population}: a pair is needed to cross, so 2 or more")
-        if self.precision <= 0:
-            raise ValueError(f"ga.precision={self.precision:g}: must be above 0")
-        if self.tournament < 1:
-            raise ValueError(f"ga.tournament={self.tournament}: must be 1 or more")
         if self.rivals == "distinct" and self.tournament > self.population:
             rule = f"there are {self.population} distinct rivals; or rivals=any"
             raise ValueError(f"ga.tournament={self.tournament}: {rule}")
-        for key, probability in (("PCrossover", self.PCrossover), ("PMutation", self.PMutation)):
-            if not 0 <= probability <= 1:
-                raise ValueError(f"ga.{key}={probability:g}: must lie in 0 .. 1")
-        if self.NR < 1:
-            raise ValueError(f"ga.NR={self.NR}: must be 1 or more")
 
     @property
     def traits(self) -> Traits:

@@ -10,7 +10,7 @@ from typing import ClassVar, Literal, final
 
 import numpy as np
 
-from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
+from calibench.optimizers.base import Array, Objective, Positive, Reason, Traits, registry, with_restarts
 
 _GRID_UP_TO = 3  # unknowns: 26 neighbours; 4 would be 80, and 12 half a million
 
@@ -28,8 +28,8 @@ class NinePoint:
     axes; by default the grid where it may be. Neighbours outside the box are not visited.
     """
 
-    step: float = 8.0
-    lower_limit: float = 0.125
+    step: Positive = 8.0
+    lower_limit: Positive = 0.125
     x_scale: Literal["unit", "box"] = "unit"
     pattern: Literal["grid", "star"] | None = None
     restarts: bool = False
@@ -37,9 +37,7 @@ class NinePoint:
     name: ClassVar[str] = "nine_point"
 
     def __post_init__(self) -> None:
-        for key, value in (("step", self.step), ("lower_limit", self.lower_limit)):
-            if not 0 < value < np.inf:
-                raise ValueError(f"nine_point.{key}={value:g}: a length above 0 is needed")
+        registry.check("nine_point", vars(self))
 
     @property
     def traits(self) -> Traits:

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass, replace
 from math import inf
-from typing import ClassVar, Literal, final
+from typing import Annotated, ClassVar, Literal, final
 
 import numpy as np
 
-from calibench.optimizers.base import Objective, Reason, Traits, registry
+from calibench.core.options import Range
+from calibench.optimizers.base import Count, CountOrNull, Objective, Reason, Share, Traits, registry
 from calibench.optimizers.own.population import population_traits, rehearse
 
 
@@ -34,15 +35,15 @@ class ParticleSwarm:
     search to the last bit, sooner where the objective can (`Objective.batch_below`).
     """
 
-    population: int = 100
-    C1: float = 2.0
-    C2: float = 2.0
-    w_first: float = 0.9
-    w_last: float = 0.1
-    NR: int = 50
-    w_iterations: int | None = None
+    population: Annotated[int, Range(2)] = 100
+    C1: Annotated[float, Range(0)] = 2.0
+    C2: Annotated[float, Range(0)] = 2.0
+    w_first: Share = 0.9
+    w_last: Share = 0.1
+    NR: Count = 50
+    w_iterations: CountOrNull = None
     random_per: Literal["component", "particle"] = "component"
-    velocity_limit: float | None = None
+    velocity_limit: Annotated[float | None, Range(0, above=True)] = None
     initial_velocity: Literal["random", "zero"] = "random"
     border: Literal["keep", "zero"] = "keep"
     improvement: Literal["best", "any"] = "best"
@@ -54,21 +55,6 @@ class ParticleSwarm:
 
     def __post_init__(self) -> None:
         registry.check("pso", vars(self))
-        if self.population < 2:
-            raise ValueError(f"pso.population={self.population}: a swarm has 2 or more")
-        for key, weight in (("C1", self.C1), ("C2", self.C2)):
-            if weight < 0:
-                raise ValueError(f"pso.{key}={weight:g}: must be 0 or more")
-        for key, weight in (("w_first", self.w_first), ("w_last", self.w_last)):
-            if not 0 <= weight <= 1:
-                raise ValueError(f"pso.{key}={weight:g}: must lie in 0 .. 1")
-        if self.NR < 1:
-            raise ValueError(f"pso.NR={self.NR}: must be 1 or more")
-        if self.w_iterations is not None and self.w_iterations < 1:
-            rule = "must be 1 or more, or null for those of the budget"
-            raise ValueError(f"pso.w_iterations={self.w_iterations}: {rule}")
-        if self.velocity_limit is not None and self.velocity_limit <= 0:
-            raise ValueError(f"pso.velocity_limit={self.velocity_limit:g}: must be above 0, or null for no limit")
 
     @property
     def traits(self) -> Traits:

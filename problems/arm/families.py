@@ -7,35 +7,34 @@ licences). `arm`: a URDF and a CSV of one's own.
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, final
-
-import numpy as np
+from typing import TYPE_CHECKING, Annotated, Any, Literal, final
 
 from calibench.calibration.rigid import Rotation
-from calibench.problems.base import registry
+from calibench.core.options import Range
+from calibench.problems.base import Number, registry
 
 if TYPE_CHECKING:
     from calibench.problems.arm.calibration import ArmCalibration
 
+Robust = Annotated[float, Range(0, unit="mm, from which readings count less; 0 for none")]
+
 
 def _ur10(
-    series: Literal["B", "C", "D"] = "B", reads: Literal["position", "pose"] = "position", robust: float = 0.0,
-    instance: int | None = None,
+    series: Literal["B", "C", "D"] = "B", reads: Literal["position", "pose"] = "position", robust: Robust = 0.0,
+    instance: Number = None,
 ) -> None:  # fmt: skip
     """The geometry of a UR10 from places or poses by a laser tracker; each fifth reading is kept back."""
 
 
-def _panda(robust: float = 0.0, instance: int | None = None) -> None:
+def _panda(robust: Robust = 0.0, instance: Number = None) -> None:
     """The geometry of a Panda from a ball in the sockets of a tool at nine places, of which two are kept back."""
 
 
 def _own(
     data: Path, urdf: Path | None = None, base: str = "", tip: str = "",
     reads: Literal["auto", "position", "pose", "sockets"] = "auto", rotation: Rotation = "", gap: float = 0.0,
-    robust: float = 0.0, dh: Path | None = None, convention: str = "",
+    robust: Robust = 0.0, dh: Path | None = None, convention: str = "",
 ) -> None:  # fmt: skip
     """Declare the options of `arm`: gap [mm] is the distance of sockets 0 and 1 of a place, 0 where it is not known.
 
@@ -45,20 +44,20 @@ def _own(
 
 @final
 class ShippedFamily:
-    """An arm whose readings come with the package, or one drawn like it; `declared` has its words and options."""
+    """An arm whose readings come with the package, or one drawn like it."""
 
     said_if_chosen = ("instance",)
 
-    def __init__(self, name: str, declared: Callable[..., None]) -> None:
-        self.__doc__ = declared.__doc__
-        self.name, self._declared = name, declared
+    def __init__(self, name: str, about: str | None) -> None:
+        self.name, self.__doc__ = name, about
 
     def __call__(self, **options: Any) -> ArmCalibration:
         """Build the problem with `options` (those of ``bench list problems``)."""
-        chosen = _chosen(self.name, self._declared, options)
+        chosen = registry.complete(self.name, options)
         from calibench.problems.arm import build  # here, as the names of all problems are listed in every start
 
-        if chosen.get("instance") is None:
+        if chosen["instance"] is None:
+            del chosen["instance"]
             return build.of_shipped(self.name, tuple(sorted(chosen.items())))
         if options.get("series") is not None:
             raise ValueError(
@@ -78,7 +77,7 @@ class ArmFamily:
 
     def __call__(self, **options: Any) -> ArmCalibration:
         """Build the problem with `options` (those of ``bench list problems``)."""
-        chosen = _chosen(self.name, _own, options)
+        chosen = registry.complete(self.name, options)
         for key in ("dh", "convention"):  # so rows say nothing of a table where there is none
             if not chosen[key]:
                 del chosen[key]
@@ -96,7 +95,8 @@ class ArmFamily:
         return build.of_own(chosen, Path(urdf if dh is None else dh))
 
 
-arm_ur10, arm_panda, arm = ShippedFamily("arm_ur10", _ur10), ShippedFamily("arm_panda", _panda), ArmFamily()
+arm_ur10, arm_panda = ShippedFamily("arm_ur10", _ur10.__doc__), ShippedFamily("arm_panda", _panda.__doc__)
+arm = ArmFamily()
 registry.register("arm_ur10", options=_ur10)(arm_ur10)
 registry.register("arm_panda", options=_panda)(arm_panda)
 registry.register("arm", options=_own)(arm)
@@ -105,15 +105,3 @@ registry.register("arm", options=_own)(arm)
 def shipped(name: str) -> Path:
     """Return the file of a table or URDF that comes with the package."""
     return Path(__file__).resolve().parents[1] / "data" / "arms" / name
-
-
-def _chosen(name: str, declared: Callable[..., None], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return checked options with the defaults; without `instance` where there is none."""
-    bound = inspect.signature(declared).bind(**registry.check(name, options))
-    bound.apply_defaults()
-    chosen = {key: value for key, value in bound.arguments.items() if key != "instance" or value is not None}
-    if not (chosen["robust"] >= 0 and np.isfinite(chosen["robust"])):
-        raise ValueError(
-            f"{name}.robust={chosen['robust']:g}: a size [mm] from which readings count less, or 0 for none"
-        )
-    return chosen

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from calibench.core.options import suggest
 from calibench.problems import instances
-from calibench.problems.base import Array, Parameter, frozen, line_of, registry, table_of
+from calibench.problems.base import Array, Number, Parameter, frozen, line_of, registry, table_of
 from calibench.problems.compiled_problem import CompiledProblem, hold, itself, passed
 from calibench.problems.fitting import least_in_box, levels_above_minimum, value_of_noise, worst_errors
 
@@ -217,7 +217,7 @@ class DeltaProbing:
 
 
 def _declared(
-    plan: Literal["object", "rings", "rich"] = "object", sigma: float = 0.0, seed: int = 0, instance: int | None = None
+    plan: PlanName = "object", sigma: instances.Sigma = 0.0, seed: instances.Seed = 0, instance: Number = None
 ) -> None:
     """Declare the options of `delta9`: where it is measured, and sigma [mm], the noise of a height, with its seed."""
 
@@ -234,9 +234,8 @@ class DeltaFamily:
         options = registry.check(self.name, options)
         if options.get("instance") is not None:
             return _drawn(tuple(sorted(options.items())))
-        chosen = instances.bound(_declared, options)
+        chosen = registry.complete(self.name, options)
         del chosen["instance"]
-        instances.check_noise(self.name, chosen, "mm", "sigma", "seed")
         machine, half = Machine(), np.array(_HALF)
         at, box = places(chosen["plan"], machine.bed_radius), instances.Box(np.array(_TRUTH), -half, half)
         return _measured(chosen, machine, at, box, chosen)
@@ -248,7 +247,7 @@ registry.register(_FAMILY, options=_declared)(delta9)
 
 @lru_cache(maxsize=256)  # a problem is a value, and drawing it takes a hundred times as long as a call
 def _drawn(given: tuple[tuple[str, Any], ...]) -> DeltaProbing:
-    chosen = instances.bound(_declared, dict(given))
+    chosen = registry.complete(_FAMILY, dict(given))
     instance: int = chosen["instance"]
     drawn = instances.first_that_fits(_FAMILY, instance, partial(_attempt, instance))
     instances.refuse_drawn(_FAMILY, instance, dict(given), dict(drawn.options))

@@ -16,7 +16,7 @@ import numpy as np
 
 from calibench.core.options import FilePath
 from calibench.problems import constants, instances
-from calibench.problems.base import Array, Parameter, frozen, line_of, numbers_of, registry, table_of
+from calibench.problems.base import Array, Number, Parameter, frozen, line_of, numbers_of, registry, table_of
 from calibench.problems.compiled_problem import CompiledProblem, hold, itself, passed
 from calibench.problems.fitting import best_of, least_in_box, levels_above_minimum, value_of_noise, worst_errors
 from calibench.problems.orthoglide import plans
@@ -160,7 +160,8 @@ class Orthoglide:
 def _declared(
     free: FreeName = "full", model: Literal["exact", "linear"] = "exact",
     data: Literal["exp1", "exp2", "exp2_t1", "exp3_t1", "exp3_t2", "synthetic"] = "exp2", plan: str = "paper",
-    sigma: float = 0.0, seed: int = 0, readings: FilePath | None = None, instance: int | None = None,
+    sigma: instances.Sigma = 0.0, seed: instances.Seed = 0, readings: FilePath | None = None,
+    instance: Number = None,
 ) -> None:  # fmt: skip
     """Declare the options of `orthoglide6`: plan (a name or a CSV file), sigma [mm] and seed are for data=synthetic."""
 
@@ -178,7 +179,7 @@ class OrthoglideFamily:
     def __call__(self, **options: Any) -> Orthoglide:
         """Build the problem with `options` (those of ``bench list problems``)."""
         options = registry.check(self.name, options)
-        chosen = instances.bound(_declared, options)
+        chosen = registry.complete(self.name, options)
         if chosen.pop("instance") is not None:
             return _drawn(tuple(sorted(options.items())))
         if chosen["readings"] is not None:
@@ -190,7 +191,6 @@ class OrthoglideFamily:
             return _seen(chosen, plan, deviations, f"data={chosen['data']}")
 
         # the deviations that a machine with Table 3's errors gives, with noise on every gauge reading, Zero too
-        instances.check_noise(self.name, chosen, "mm", "sigma", "seed")
         name = chosen["plan"]
         try:
             is_file = name not in get_args(PlanName) and Path(name).is_file()
@@ -216,7 +216,7 @@ class OrthoglideFamily:
     def _own(self, readings: Any, plan: Plan | str | None, options: dict[str, Any]) -> Orthoglide:
         drawn_or_simulated = ("data", "plan", "sigma", "seed", "instance")
         _refuse(options, drawn_or_simulated, "the readings are measured; leave one of the two out")
-        chosen = instances.bound(_declared, options)
+        chosen = registry.complete(self.name, options)
         del chosen["instance"]
         chosen |= dict.fromkeys(("data", "plan", "sigma", "seed", "readings"))
         if isinstance(readings, str | Path):
@@ -244,7 +244,7 @@ registry.register(_FAMILY, options=_declared)(orthoglide6)
 
 @lru_cache(maxsize=256)  # a problem is a value, and drawing it takes a hundred times as long as a call
 def _drawn(given: tuple[tuple[str, Any], ...]) -> Orthoglide:
-    chosen = instances.bound(_declared, dict(given))
+    chosen = registry.complete(_FAMILY, dict(given))
     instance: int = chosen["instance"]
 
     if chosen["readings"] is not None:

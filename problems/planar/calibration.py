@@ -16,7 +16,8 @@ from calibench.core.options import FilePath, suggest
 from calibench.core.tables.cells import number_of
 from calibench.core.tables.columns import Declared, Quantity
 from calibench.problems import instances
-from calibench.problems.base import Array, Parameter, frozen, numbers_of, registry
+from calibench.problems.base import Array, Number, Parameter, frozen, numbers_of, registry
+from calibench.problems.instances import Radians, Seed
 from calibench.problems.planar import gpm2002
 from calibench.problems.planar.closed_loop import ErrorName, Planar
 from calibench.problems.planar.gpm2002 import NAMES, UNITS, Gauge, PlanName, Setting
@@ -57,7 +58,7 @@ class PlanarFamily:
             return _drawn(self, tuple(sorted(options.items())))
         if options.get("readings") is not None:
             return self.from_readings(options.pop("readings"), **options)
-        chosen = instances.bound(self.case, options)
+        chosen = registry.complete(self.name, options)
         case = self.case(**chosen)
         del chosen["instance"]  # the paper's problem says nothing of it
         if chosen["at_home"] is not None:
@@ -85,7 +86,7 @@ class PlanarFamily:
                 raise ValueError(
                     f"{self.name}.{key}: simulates readings, but readings are given; leave one of the two out"
                 )
-        chosen = instances.bound(self.case, options)
+        chosen = registry.complete(self.name, options)
         if chosen.pop("instance") is not None:
             raise ValueError(f"{self.name}.instance: draws a machine, but its readings are given; leave one out")
         is_file = isinstance(readings, str | Path)
@@ -118,8 +119,8 @@ class PlanarFamily:
 @PlanarFamily
 def sensor_zero(
     error: Literal["J1", "J2"] = "J2", plan: PlanName = "grid", radius: float = 60.0, n: int = 9,
-    noise: float = 0.0, data_seed: int = 0, free: tuple[str, ...] | None = None, readings: FilePath | None = None,
-    at_home: tuple[float, ...] | None = None, instance: int | None = None,
+    noise: Radians = 0.0, data_seed: Seed = 0, free: tuple[str, ...] | None = None, readings: FilePath | None = None,
+    at_home: tuple[float, ...] | None = None, instance: Number = None,
 ) -> Case:  # fmt: skip
     """Three sensor offsets, geometry known (section 3.3 A, Table 2). With n=3 some plans have further exact zeros."""
     return Case(_OFFSETS, gpm2002.section3("table2"), n)
@@ -128,9 +129,9 @@ def sensor_zero(
 @registry.register("link_length")
 @PlanarFamily
 def link_length(
-    error: ErrorName = "J2", plan: PlanName = "grid", radius: float = 120.0, n: int = 21, noise: float = 0.0,
-    data_seed: int = 0, free: tuple[str, ...] | None = None, readings: FilePath | None = None,
-    at_home: tuple[float, ...] | None = None, instance: int | None = None,
+    error: ErrorName = "J2", plan: PlanName = "grid", radius: float = 120.0, n: int = 21, noise: Radians = 0.0,
+    data_seed: Seed = 0, free: tuple[str, ...] | None = None, readings: FilePath | None = None,
+    at_home: tuple[float, ...] | None = None, instance: Number = None,
 ) -> Case:  # fmt: skip
     """Offsets and six link lengths, bases known (section 3.3 B, Table 3)."""
     return Case(_OFFSETS + _LENGTHS, gpm2002.section3("table3"), n)
@@ -140,8 +141,8 @@ def link_length(
 @PlanarFamily
 def full11(
     error: ErrorName = "J2", paper_section: Literal[3, 4] = 4, plan: PlanName = "disc", radius: float = 100.0,
-    n: int | None = None, noise: float = 0.0, data_seed: int = 0, free: tuple[str, ...] | None = None,
-    readings: FilePath | None = None, at_home: tuple[float, ...] | None = None, instance: int | None = None,
+    n: int | None = None, noise: Radians = 0.0, data_seed: Seed = 0, free: tuple[str, ...] | None = None,
+    readings: FilePath | None = None, at_home: tuple[float, ...] | None = None, instance: Number = None,
 ) -> Case:  # fmt: skip
     """All that angle readings can see: 11 parameters, A_1 and A_2 held (Table 5, or Table 4 with paper_section=3)."""
     names = (*_OFFSETS, *_LENGTHS, "xa3", "ya3")
@@ -154,8 +155,8 @@ def full11(
 @PlanarFamily
 def full12(
     error: ErrorName = "J2", gauge: Literal["xa2", "ya2"] = "xa2", plan: PlanName = "disc", radius: float = 100.0,
-    n: int | None = None, noise: float = 0.0, data_seed: int = 0, free: tuple[str, ...] | None = None,
-    readings: FilePath | None = None, at_home: tuple[float, ...] | None = None, instance: int | None = None,
+    n: int | None = None, noise: Radians = 0.0, data_seed: Seed = 0, free: tuple[str, ...] | None = None,
+    readings: FilePath | None = None, at_home: tuple[float, ...] | None = None, instance: Number = None,
 ) -> Case:  # fmt: skip
     """The papers' 12 parameters, of which readings see 11: section 4 holds x_a2 (Table 5), section 3 y_a2 (Table 4)."""
     if gauge == "ya2":
@@ -168,7 +169,7 @@ def full12(
 @functools.lru_cache(maxsize=256)  # a problem is a value, and drawing it takes a hundred times as long as a call
 def _drawn(family: PlanarFamily, given: tuple[tuple[str, Any], ...]) -> Planar:
     """Return the problem that the instance draws: the case's free parameters, another machine, plan, noise and box."""
-    name, chosen = family.name, instances.bound(family.case, dict(given))
+    name, chosen = family.name, registry.complete(family.name, dict(given))
     case, instance = family.case(**chosen), chosen["instance"]
 
     if chosen["readings"] is not None or chosen["at_home"] is not None:
@@ -211,9 +212,6 @@ def _attempt(
 
 def _simulate(name: str, case: Case, chosen: dict[str, Any], centre: Array) -> Planar:
     """Take the readings that the actual machine gives at the planned positions, with noise."""
-    instances.check_noise(name, chosen, "rad")
-    if chosen["noise"] > 1:
-        raise ValueError(f"{name}.noise={chosen['noise']:g}: a standard deviation [rad] above 1 rad leaves no reading")
     _free_names(name, case, chosen)
     actual = case.setting.actual
     assert actual is not None

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Literal, final
 import numpy as np
 
 from calibench.problems import constants, instances
-from calibench.problems.base import Array, Parameter, frozen, line_of, registry, table_of
+from calibench.problems.base import Array, Number, Parameter, frozen, line_of, registry, table_of
 from calibench.problems.compiled_problem import CompiledProblem, hold, itself, passed
 from calibench.problems.fitting import least_of_instance, levels, value_of_noise
 from calibench.problems.planar import gpm2002
@@ -157,25 +157,23 @@ class Tracking:
 @registry.register("tracking_zero")
 def tracking_zero(
     experiment: Literal[1, 2, 3] = 1, plan: PlanName = "circle", radius: float = 80.0, n: int = 60,
-    noise: float = 0.0, data_seed: int = 0, instance: int | None = None,
+    noise: instances.Radians = 0.0, data_seed: instances.Seed = 0, instance: Number = None,
 ) -> Tracking:  # fmt: skip
     """Sensor offsets from the projected tracking error (section 2), from the start of Table 1's `experiment`.
 
     The geometry is nominal. `radius` [mm] and `n` of the circle are ours, as the paper prints neither. `noise` [rad] is
     the standard deviation of the errors of the recorded readings. Raises `ValueError` for a value out of range.
     """
-    chosen: dict[str, Any] = {"experiment": experiment, "plan": plan, "radius": radius, "n": n, "noise": noise}
-    chosen = registry.check(_FAMILY, {**chosen, "data_seed": data_seed})
-    if instance is not None:
-        number: int = registry.check(_FAMILY, {"instance": instance})["instance"]
-
+    given: dict[str, Any] = {"experiment": experiment, "plan": plan, "radius": radius, "n": n, "noise": noise}
+    chosen = registry.check(_FAMILY, {**given, "data_seed": data_seed, "instance": instance})
+    number: int | None = chosen.pop("instance")
+    if number is not None:
         problem = _made(number)
         assert problem.drawn is not None
         declared = registry.options(_FAMILY)
         given = {key: value for key, value in chosen.items() if value != declared[key].default}
         instances.refuse_drawn(_FAMILY, number, given, {"experiment": 1, **problem.drawn.options})
         return problem
-    instances.check_noise(_FAMILY, chosen, "rad")
     if chosen["n"] < 2:
         raise ValueError(f"{_FAMILY}.n={chosen['n']}: a pose gives one equation, so 2 parameters need at least 2 poses")
     planned = gpm2002.DrawnPlan(chosen["plan"], chosen["radius"], chosen["n"], home())

@@ -12,10 +12,11 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from threading import Lock
-from typing import Any, ClassVar, Literal, Protocol, final
+from typing import Annotated, Any, ClassVar, Literal, Protocol, final
 
 import numpy as np
 
+from calibench.core.options import Range
 from calibench.problems.base import Array, frozen, line_of, registry, table_of
 from calibench.problems.compiled_problem import vector, vectors
 
@@ -111,6 +112,7 @@ def _made_again(name: str, options: dict[str, Any]) -> Any:
 
 # how far above its minimum a value is looked at, by COCO and IOH: 51 gaps, 1e2 to 1e-8, the floats that cocopp has
 COCO_GAPS = tuple(10.0 ** (k / 5) for k in range(10, -41, -1))
+Instance = Annotated[int, Range(1)]
 Function = Literal[1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24]
 _GROUPS = (  # last function of each, as the suite divides them
     (5, "separable"), (9, "moderate"), (14, "ill-conditioned"), (19, "multi-modal"), (24, "weak structure"),
@@ -118,13 +120,11 @@ _GROUPS = (  # last function of each, as the suite divides them
 
 
 @registry.register("bbob")
-def bbob(function: Function = 1, dimension: Literal[2, 3, 5, 10, 20, 40] = 5, instance: int = 1) -> BlackBox:
+def bbob(function: Function = 1, dimension: Literal[2, 3, 5, 10, 20, 40] = 5, instance: Instance = 1) -> BlackBox:
     """One of COCO's 24 noiseless functions (bbob), in an instance; needs the package coco-experiment.
 
-    Raises `ValueError` for an instance below 1, and where the package is missing.
+    Raises `ValueError` where the package is missing.
     """
-    if instance < 1:
-        raise ValueError(f"bbob.instance={instance}: must be 1 or above")
     package("cocoex", "coco-experiment", "bbob")
     bare = package("cocoex.bare_problem", "coco-experiment", "bbob").BareProblem("bbob", function, dimension, instance)
     minimum = float(bare.best_value())
@@ -176,7 +176,7 @@ _COMPETITION = tuple(10.0**-k for k in range(1, 6))  # the accuracy levels of CE
 
 
 @registry.register("ioh")
-def ioh(suite: Suite = "BBOB", function: int = 1, dimension: int | None = None, instance: int = 1) -> BlackBox:
+def ioh(suite: Suite = "BBOB", function: int = 1, dimension: int | None = None, instance: Instance = 1) -> BlackBox:
     """A function of one of IOHexperimenter's continuous suites, in an instance; needs the package ioh.
 
     Raises `ValueError` for a function, an instance or a dimension that the suite lacks, and where the package is
@@ -185,8 +185,6 @@ def ioh(suite: Suite = "BBOB", function: int = 1, dimension: int | None = None, 
     kind = _KINDS[suite]
     if not kind.first <= function <= kind.last:
         raise ValueError(f"ioh.function={function}: {suite} has {kind.first} to {kind.last}")
-    if instance < 1:
-        raise ValueError(f"ioh.instance={instance}: must be 1 or above")
     if instance > 1 and function > kind.in_instances:
         raise ValueError(f"ioh.instance={instance}: {suite} has one instance of function {function}; take 1")
     # the number of variables to ask IOH for

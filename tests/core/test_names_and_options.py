@@ -18,7 +18,7 @@ import pytest
 from numpy.typing import NDArray
 
 import calibench.core.registry
-from calibench.core.options import coerce, declared_options, suggest
+from calibench.core.options import Range, coerce, declared_options, suggest
 from calibench.core.registry import Registry
 
 
@@ -600,3 +600,25 @@ def test_a_word_in_the_place_of_an_object_is_refused_in_words():
 )  # fmt: skip
 def test_a_word_that_may_be_meant_is_taken(kind, value):
     assert coerce("p.k", value, kind) == value
+
+
+@dataclass
+class Cup:
+    share: typing.Annotated[float, Range(0, 1)] = 0.5
+    handles: typing.Annotated[int | None, Range(0, above=True, unit="of clay")] = None
+    rims: typing.Annotated[tuple[float, ...], "mm", Range(1)] = (1.0,)
+
+
+def test_a_range_that_an_option_is_annotated_with_is_kept_and_no_part_of_its_type():
+    registry = Registry(kind="cup", group="test.cups")
+    registry.register("cup")(Cup)
+    described = [option.describe() for option in registry.options("cup").values()]
+    assert described == ["share=0.5 (float)", "handles=null (int or null)", "rims=[1.0] (list of float)"]
+    assert registry.make("cup", share=1, handles=None, rims=[1, 2]) == Cup(1.0, None, (1.0, 2.0))
+    for options, said in [
+        ({"share": 1.5}, r"cup\.share=1\.5: must lie in 0 \.\. 1$"),
+        ({"handles": 0}, r"cup\.handles=0: must be above 0 \(of clay\)$"),
+        ({"rims": [2, 0.5]}, r"cup\.rims=\[2,0\.5\]: must be 1 or more$"),
+    ]:
+        with pytest.raises(ValueError, match=said):
+            registry.make("cup", **options)

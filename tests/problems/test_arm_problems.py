@@ -234,8 +234,12 @@ def test_a_file_that_cannot_be_read_says_where(tmp_path, change, said):
     [
         ("arm", {}, "arm needs data"),
         ("arm_ur10", {"series": "A"}, "B, C, D"),
-        ("arm_ur10", {"robust": -1.0}, "arm_ur10.robust=-1: a size"),
-        ("arm_ur10", {"instance": 0}, "arm_ur10.instance=0: a whole number from 1"),
+        (
+            "arm_ur10",
+            {"robust": -1.0},
+            r"arm_ur10\.robust=-1\.0: must be 0 or more \(mm, from which readings count less",
+        ),
+        ("arm_ur10", {"instance": 0}, "arm_ur10.instance=0: must be 1 or more"),
         ("arm_ur10", {"instance": 1, "series": "C"}, "arm_ur10.series=C: instance=1"),
         ("arm_panda", {"robust": float("nan")}, "arm_panda.robust=nan"),
     ],

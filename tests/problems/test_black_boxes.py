@@ -81,7 +81,7 @@ def test_where_the_package_is_absent_the_problem_says_so(name, monkeypatch):
     [
         ({"function": 25}, "bbob.function=25"),
         ({"dimension": 4}, "bbob.dimension=4"),
-        ({"instance": 0}, "bbob.instance=0: must be 1 or above"),
+        ({"instance": 0}, "bbob.instance=0: must be 1 or more"),
     ],
 )
 def test_what_bbob_does_not_have_is_refused(options, said):
@@ -247,7 +247,7 @@ def test_ioh_s_bbob_is_coco_s_to_rounding():
         ({"suite": "CEC2022", "dimension": 5}, "CEC2022 has 2, 10, 20"),
         ({"suite": "CEC2022", "function": 6, "dimension": 2}, "hybrid function 6 of CEC2022 needs 10 or 20"),
         ({"dimension": 1}, "BBOB needs 2 or more"),
-        ({"instance": 0}, "ioh.instance=0: must be 1 or above"),
+        ({"instance": 0}, "ioh.instance=0: must be 1 or more"),
     ],
 )
 def test_what_ioh_does_not_have_is_refused(options, said):

@@ -85,9 +85,9 @@ def test_a_machine_that_cannot_close_has_no_value():
     ("options", "said"),
     [
         ({"plan": "ring"}, "rings"),
-        ({"sigma": -1.0}, "delta9.sigma=-1: a standard deviation"),
-        ({"seed": -1}, "delta9.seed=-1: must be 0 or above"),
-        ({"instance": 0}, "delta9.instance=0: a whole number from 1"),
+        ({"sigma": -1.0}, r"delta9\.sigma=-1\.0: must be 0 or more \(a standard deviation"),
+        ({"seed": -1}, "delta9.seed=-1: must be 0 or more"),
+        ({"instance": 0}, "delta9.instance=0: must be 1 or more"),
         ({"instance": 2, "sigma": 0.5}, "delta9.sigma=0.5: instance=2 means"),
     ],
 )

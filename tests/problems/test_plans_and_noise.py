@@ -182,5 +182,5 @@ def test_a_grid_is_no_higher_than_wide(n):
 
 @pytest.mark.parametrize("noise", [1.5, 1e308])
 def test_noise_without_bound_is_refused(noise):
-    with pytest.raises(ValueError, match="above 1 rad leaves no reading"):
+    with pytest.raises(ValueError, match=r"must lie in 0 \.\. 1 \(a standard deviation, rad\)"):
         problems.make("full12", noise=noise)

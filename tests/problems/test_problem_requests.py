@@ -22,7 +22,10 @@ REFUSED = {
     "a negative number of samples": (("full12", {"n": -5}), r"full12\.n=-5"),
     "half a sample": (("full12", {"n": 50.5}), r"full12\.n=50\.5: a whole number is needed"),
     "samples in words": (("full12", {"n": "many"}), r"full12\.n=many: a whole number is needed"),
-    "negative noise": (("full12", {"noise": -1e-4}), r"full12\.noise=-0\.0001: .*cannot be negative"),
+    "negative noise": (
+        ("full12", {"noise": -1e-4}),
+        r"noise=-0\.0001: must lie in 0 \.\. 1 \(a standard dev",
+    ),
     "noise that is no number": (("full12", {"noise": float("nan")}), r"full12\.noise=nan: a finite number"),
     "infinite noise": (("full12", {"noise": float("inf")}), r"full12\.noise=inf: a finite number"),
     "radius zero": (("full12", {"radius": 0.0}), r"full12\.radius=0: must be above 0 mm"),
@@ -32,7 +35,7 @@ REFUSED = {
         r"full12\.radius=400: position \(.*\) mm is out of reach of leg [123]; take a smaller radius",
     ),
     "a grid of a prime number": (("full12", {"plan": "grid", "n": 53}), r"full12\.n=53: a grid needs rows and columns"),
-    "a negative data seed": (("full12", {"data_seed": -1}), r"full12\.data_seed=-1: must be 0 or above"),
+    "a negative data seed": (("full12", {"data_seed": -1}), r"full12\.data_seed=-1: must be 0 or more"),
     "a parameter that is not the problem's": (
         ("sensor_zero", {"free": ["la1"]}),
         r"sensor_zero\.free: 'la1' is no parameter of it; .*choices: z1, z2, z3",

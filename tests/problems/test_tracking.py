@@ -264,8 +264,8 @@ def test_identifiable_from_every_plan() -> None:
         ({"radius": 170.0}, "out of reach of leg 2; take a smaller radius"),
         ({"radius": -1.0}, "tracking_zero.radius=-1: must be above 0"),
         ({"n": 1}, "at least 2 poses"),
-        ({"noise": -1.0}, "cannot be negative"),
-        ({"data_seed": -1}, "0 or above"),
+        ({"noise": -1.0}, r"noise=-1\.0: must lie in 0 \.\. 1 \(a standard deviation, rad\)"),
+        ({"data_seed": -1}, "0 or more"),
     ],
 )
 def test_bad_options_are_one_clear_line(options: dict[str, object], sentence: str) -> None:

@@ -168,10 +168,8 @@ class Table:
     readings as printed.
     """
 
-    name: str
     difficulty: Difficulty
     model: str
-    reference: str
     names: tuple[str, ...]
     starts: Array
     certified: Array
@@ -192,9 +190,9 @@ def table(name: str) -> Table:
     readings = frozen(rows).reshape(-1, len(columns)).T
     printed = np.array([[float(number) for number in four] for four in said["parameters"].values()]).T
     return Table(
-        name=said["name"], difficulty=said["difficulty"], model=said["model"], reference=said["reference"],
-        names=tuple(said["parameters"]), starts=frozen(printed[:2]), certified=frozen(printed[2]),
-        deviations=frozen(printed[3]), sum_of_squares=float(said["residual_sum_of_squares"]),
+        difficulty=said["difficulty"], model=said["model"], names=tuple(said["parameters"]), starts=frozen(printed[:2]),
+        certified=frozen(printed[2]), deviations=frozen(printed[3]),
+        sum_of_squares=float(said["residual_sum_of_squares"]),
         residual_deviation=float(said["residual_standard_deviation"]), y=frozen(readings[0]), x=frozen(readings[1:]),
         data_id=blake2b(" ".join([said["name"], *rows]).encode(), digest_size=8).hexdigest(),
     )  # fmt: skip
