@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from traceback import extract_tb
 
 from calibench.core import process
 from calibench.core.words import check_word, one_line
@@ -112,10 +113,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (ValueError, ModuleNotFoundError) as error:
         code, refused = 2, str(error)
     except (RecursionError, OverflowError, MemoryError) as error:  # a value that no check expected
-        last = error.__traceback__
-        while last is not None and last.tb_next is not None:
-            last = last.tb_next
-        where = f" ({os.path.basename(last.tb_frame.f_code.co_filename)}, line {last.tb_lineno})" if last else ""
+        last = extract_tb(error.__traceback__)[-1]
+        where = f" ({os.path.basename(last.filename)}, line {last.lineno})"
         text = f"{type(error).__name__}{f': {error}' if str(error) else ''}{where}"
         code, refused = 2, f"the request asks for more than can be done: {text}"
     except BrokenPipeError:

@@ -40,10 +40,9 @@ Stated = Annotated[dict[str, str], Word("", "...", "what the machine reads of it
 class CalibrateWords:
     """`bench calibrate`: an arm, its readings, and how much of it is calibrated."""
 
-    urdf: Annotated[Path | None, Word("urdf", "my.urdf", "the arm's URDF", form="FILE", also="machine.urdf")] = None
-    dh: Annotated[Path | None, Word("dh", "my_table.csv", f"its {DH}", form="TABLE", also="machine.dh")] = None
-    convention: Annotated[str, Word("convention", "standard", CONVENTION, form="standard|modified",
-                                    also="machine.convention")] = ""
+    urdf: Annotated[Path | None, Word("urdf", "my.urdf", "the arm's URDF", form="FILE")] = None
+    dh: Annotated[Path | None, Word("dh", "my_table.csv", f"its {DH}", form="TABLE")] = None
+    convention: Annotated[str, Word("convention", "standard", CONVENTION, form="standard|modified")] = ""
     data: Annotated[str, Word("data", "my.csv", "a file of joints and readings, or a folder of sockets",
                               form="FILE|GLOB|FOLDER")]
     base: Base = ""
@@ -56,20 +55,17 @@ class CalibrateWords:
     read: Annotated[Literal["board_in_camera", "camera_in_board"] | None, Word(
         "read", "board_in_camera", "hand_eye: what the camera's columns hold")] = None
     board_scale: Annotated[float | None, Word(
-        "board_scale", "0.97", "hand_eye: true size of the board by the stated one", form="RATIO", above=0,
-        needed="the board's true size over that which the camera was told, above 0, is needed")] = None
+        "board_scale", "0.97", "hand_eye: true size of the board by the stated one", form="RATIO", above=0)] = None
     columns: Columns = ""
     units: Units = ""
     rotation: Rotation = ""
     distance: Annotated[float | None, Word(
-        "distance", "50", "sockets: how far the two of a place are apart", form="MM", least=0,
-        needed="how far the two sockets of a place are apart [mm], above 0, is needed")] = None
+        "distance", "50", "sockets: how far the two of a place are apart", form="MM", least=0)] = None
     sigma_distance: Annotated[float | None, Word(
-        "sigma_distance", "0.05", "sockets: how well that distance is known", form="MM", above=0,
-        needed="how well distance= is known [mm], above 0, is needed")] = None
+        "sigma_distance", "0.05", "sockets: how well that distance is known", form="MM", above=0)] = None
     gap: Annotated[float | None, Word(
-        "gap", "0.1", "joints and poses in two files with times: how far apart rows may be", form="SECONDS", above=0,
-        needed="how far apart in time joints and poses may be [s], above 0, is needed")] = None
+        "gap", "0.1", "joints and poses in two files with times: how far apart rows may be", form="SECONDS",
+        above=0)] = None
     priors: Annotated[str, Word(
         "priors", "my_priors.csv", "numbers that you know: a table of name, value, sd [mm, rad]", form="FILE")] = ""
     level: Annotated[Literal["auto", "frames", "zeros", "geometry", "gains", "elastic"], Word(
@@ -77,8 +73,7 @@ class CalibrateWords:
     limits: Annotated[bool, Word(
         "limits", "false", "whether joints must stand inside the limits of the description")] = True
     resamples: Annotated[int, Word(
-        "resamples", "200", "draws for the intervals", form="N", least=20, most=MOST_RESAMPLES,
-        needed=f"from 20 to {MOST_RESAMPLES} draws are needed")] = 200
+        "resamples", "200", "draws for the intervals", form="N", least=20, most=MOST_RESAMPLES)] = 200
     page: Annotated[bool, Word("page", "false", "whether report.html is written")] = True
     study: Study = "calibrate"
     results: Results = "results"
@@ -104,11 +99,9 @@ class HandEyeWords:
         "board_scale", "0.97", "true size of the board by the stated one, or free: fitted",
         form="RATIO|free")] = "1"
     sigma: Annotated[float | None, Word(
-        "sigma", "0.3", "noise of the board's place; learned where it is not stated", form="MM", above=0,
-        needed="the noise of the board's pose [mm], above 0, is needed")] = None
+        "sigma", "0.3", "noise of the board's place; learned where it is not stated", form="MM", above=0)] = None
     sigma_rotation: Annotated[float | None, Word(
-        "sigma_rotation", "0.001", "noise of its rotation; learned where it is not stated", form="RAD", above=0,
-        needed="the noise of the board's pose [rad], above 0, is needed")] = None
+        "sigma_rotation", "0.001", "noise of its rotation; learned where it is not stated", form="RAD", above=0)] = None
     study: Study = "hand_eye"
     results: Results = "results"
 
@@ -118,8 +111,8 @@ class HandEyeWords:
 class PosesWords:
     """`bench design machine=arm plan.n=N`: which poses of an arm to measure."""
 
-    n: Annotated[int | None, Word("plan.n", "20", "how many poses to propose", form="N", least=1, most=MOST_POSES,
-                                  needed=f"from 1 to {MOST_POSES} poses are needed")] = None
+    n: Annotated[int | None, Word(
+        "plan.n", "20", "how many poses to propose", form="N", least=1, most=MOST_POSES)] = None
     machine: Annotated[str, Word("machine", "arm", "poses are of an arm")] = ""
     urdf: Annotated[Path | None, Word("machine.urdf", "my.urdf", "the arm's URDF", form="FILE")] = None
     dh: Annotated[Path | None, Word("machine.dh", "my_table.csv", f"the arm's {DH}", form="TABLE")] = None
@@ -137,11 +130,9 @@ class PosesWords:
     by: Annotated[Literal["D", "E"], Word(
         "plan.by", "D", "D: care for all numbers; E: for the one that is known worst")] = "D"
     sigma: Annotated[float | None, Word(
-        "plan.sigma", "0.05", "noise of the readings to come (0.05)", form="MM", above=0,
-        needed="the noise of a reading [mm], above 0, is needed")] = None
+        "plan.sigma", "0.05", "noise of the readings to come (0.05)", form="MM", above=0)] = None
     sigma_rotation: Annotated[float | None, Word(
-        "plan.sigma_rotation", "0.0005", "noise of their rotations (0.0005)", form="RAD", above=0,
-        needed="the noise of a reading [rad], above 0, is needed")] = None
+        "plan.sigma_rotation", "0.0005", "noise of their rotations (0.0005)", form="RAD", above=0)] = None
     target: Annotated[tuple[float, float, float], Word(
         "plan.target", "[0,100,100]", "where the target sits on the last link [mm]")] = (0.0, 100.0, 100.0)
     limits: Annotated[Literal["urdf", "table", "data"] | None, Word(
@@ -153,8 +144,7 @@ class PosesWords:
         "plan.keep_out", "[-800,800,-900,-400,0,700]", "keep arm and target out of boxes of the base [mm]",
         form="[x0,x1,y0,y1,z0,z1,...]")] = None
     off: Annotated[float, Word(
-        "plan.off", "0.5", "what a number may be off unread [mm, mrad]", form="MM",
-        above=0, needed="an error [mm, mrad] above 0 is needed")] = 0.5
+        "plan.off", "0.5", "what a number may be off unread [mm, mrad]", form="MM", above=0)] = 0.5
     seed: Annotated[int, Word("plan.seed", "0", "another N draws other poses to choose from", form="N")] = 0
     to: Annotated[Path | None, Word(
         "plan.to", "poses.csv", "write poses [rad, mm], joint targets, a drawing of the gain", form="FILE")] = None
@@ -195,10 +185,9 @@ class DesignWords:
     plan: Annotated[str, Word("plan", "disc", "a plan of readings in place of data=", form="NAME")] = ""
     size: Annotated[float, Word(
         "size", "1", "how large the effects are that should be seen", form="SIGMAS", least=1 / LARGEST_SIZE,
-        most=LARGEST_SIZE, needed=f"a visible size above 0 sigma, at most {LARGEST_SIZE:g}, is needed")] = 1.0
+        most=LARGEST_SIZE)] = 1.0
     rivals: Annotated[str, Word("rivals", "A,B", "effects that the next readings should split")] = ""
-    further: Annotated[int, Word("next", "4", "how many readings to propose", form="K", least=0, most=50,
-                                 needed="a number of readings from 0 to 50 is needed")] = 4
+    further: Annotated[int, Word("next", "4", "how many readings to propose", form="K", least=0, most=50)] = 4
     columns: Columns = ""
     units: Units = ""
     plan_options: Annotated[dict[str, str], Word("plan.", "...", "an option of the plan", form="OPTION=V")] = field(
@@ -217,8 +206,8 @@ class IdentifyWords:
         "problem", "full12", "`bench list problems` has them with their options", form="NAME")] = ""
     options: Annotated[dict[str, str], Word("problem.", "...", "an option of the problem", form="OPTION=V")] = field(
         default_factory=dict)
-    noise: Annotated[float | None, Word("noise", "1e-4", "noise of a reading [rad, or mm for the Orthoglide]", form="V",
-                                        needed="a number (rad, or mm for the Orthoglide) is needed")] = None
+    noise: Annotated[float | None, Word(
+        "noise", "1e-4", "noise of a reading [rad, or mm for the Orthoglide]", form="V")] = None
 
 
 @final
@@ -273,7 +262,7 @@ class HistoryWords:
 @final
 @dataclass(frozen=True, kw_only=True)
 class TrackingWords:
-    """`bench note|tag|archive|delete|pack|unpack`: where the studies are."""
+    """`bench show|note|tag|archive|delete|pack|unpack`: where the studies are."""
 
     results: Results = "results"
 
@@ -285,14 +274,6 @@ class UiWords:
 
     port: Annotated[int, Word("port", "8765", "of this machine; 0 takes a free one", least=0, most=65535)] = 8765
     results: Results = "results"
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class ShowWords:
-    """`bench show`: where the run is looked for."""
-
-    results: Annotated[str, Word("results", "results", "where the studies are", form="DIR")] = ""
 
 
 @final

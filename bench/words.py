@@ -32,7 +32,6 @@ class Word:
     meaning: str
     _: KW_ONLY
     form: str = ""  # in the help, in place of the example or of the choices
-    also: str = ""  # a second key
     least: float = -math.inf
     most: float = math.inf
     above: float = -math.inf
@@ -46,7 +45,7 @@ def read(cls: type[T], verb: str, words: Iterable[str]) -> T:
     default that is missing, and at a value of another type, of no choice, or out of bounds.
     """
     declared = _declared(cls)
-    examples = {key: one.example for _, one, _ in declared.values() for key in (one.key, one.also)}
+    examples = {one.key: one.example for _, one, _ in declared.values()}
     known = keys_of(cls)
     begins = sorted((one.key for _, one, _ in declared.values() if one.key not in known), key=len, reverse=True)
     given: dict[str, str] = {}
@@ -69,13 +68,10 @@ def read(cls: type[T], verb: str, words: Iterable[str]) -> T:
 
     values: dict[str, Any] = {}
     for name, (kind, one, default) in declared.items():
-        typed = [key for key in (one.key, one.also) if key in given]
         if one.key in of_many:
             values[name] = of_many[one.key]
-        elif len(typed) > 1:
-            raise RequestError(f"{one.key}= and {one.also}= are the same thing; give one")
-        elif typed:
-            values[name] = _value_of(one, given[typed[0]], kind)
+        elif one.key in given:
+            values[name] = _value_of(one, given[one.key], kind)
         elif default is MISSING:
             raise RequestError(f"{one.key}= is missing: {one.meaning}, such as {one.key}={one.example}")
     return cls(**values)
@@ -93,15 +89,12 @@ def help_of(cls: type) -> dict[str, str]:
             usual = ""
         if one.key:
             lines[f"{one.key}{'' if one.key.endswith('.') else '='}{form}"] = one.meaning + usual
-        if one.also:
-            lines[f"{one.also}={form}"] = f"the same as {one.key}="
     return lines
 
 
 def keys_of(cls: type) -> list[str]:
     """Return the keys of a request that are written out, each of which stands for one word."""
-    keys = [key for _, one, _ in _declared(cls).values() for key in (one.key, one.also)]
-    return [key for key in keys if key and not key.endswith(".")]
+    return [one.key for _, one, _ in _declared(cls).values() if one.key and not one.key.endswith(".")]
 
 
 def _declared(cls: type) -> dict[str, tuple[Any, Word, Any]]:
@@ -135,9 +128,10 @@ def _value_of(one: Word, text: str, kind: Any) -> Any:
             raise
         is_inside = False
     if not is_inside:
-        number = "a whole number" if kind is int else "a number"
-        needed = one.needed or f"{number} from {one.least} to {one.most} is needed"
-        raise RequestError(f"{one.key}={text:.40}: {needed}")
+        reach = f"above {one.above:g}" if one.above > -math.inf else f"from {one.least:g}"
+        reach += f" to {one.most:g}" if one.most < math.inf else ""
+        said = f"{'a whole' if kind is int else 'a'} number {reach} is needed: {one.meaning} [{one.form or one.key}]"
+        raise RequestError(f"{one.key}={text:.40}: {one.needed or said}")
     return value
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def run(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("--json",))
     keys = {word.partition("=")[0] for word in words}
-    if "hand_eye" in keys and not keys & {"urdf", "dh", "machine.urdf", "machine.dh"}:
+    if "hand_eye" in keys and not keys & {"urdf", "dh"}:
         return calibrate_camera(words, "--json" in flags)
     request = read_calibrate(words)
     result = write_calibration(request.carry_out(), request)

@@ -13,7 +13,7 @@ from calibench.bench.statistics.progress import SweepProgress, sweep_progress
 from calibench.bench.store.columns import columns_of
 from calibench.bench.store.runs import ResultStore, merge
 from calibench.bench.sweep.remarks import remarks_on_rows
-from calibench.bench.verbs import ShowWords
+from calibench.bench.verbs import TrackingWords
 from calibench.bench.words import read, split_flags, split_word
 from calibench.core.words import counted, plain, plural, print_plain as print, printable, span
 
@@ -61,13 +61,13 @@ def show(argv: list[str]) -> int:
     from calibench.bench.report.one_run import find_run, show_run  # half a second to load
 
     flags, words = split_flags(argv, ("--json",))
-    given = read(ShowWords, "show", [word for word in words if "=" in word])
-    plain = [word for word in words if "=" not in word]
+    pairs = [word for word in words if "=" in word]
+    given, plain = read(TrackingWords, "show", pairs), [word for word in words if "=" not in word]
     folders = [word for word in plain if len(plain) > 1 and Path(word).is_dir()]
     ids = [word for word in plain if word not in folders]
-    if len(ids) != 1 or len(folders) + bool(given.results) > 1:
+    if len(ids) != 1 or len(folders) + len(pairs) > 1:
         raise ValueError("show: one RUN_ID is needed, such as bench show 3f2a (the first digits suffice)")
-    one = find_run(Path([*folders, given.results or "results"][0]), ids[0])
+    one = find_run(Path([*folders, given.results][0]), ids[0])
     if "--json" in flags:
         print_json(one.row)
     else:

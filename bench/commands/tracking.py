@@ -21,11 +21,9 @@ _SHOWN = 50  # lines of a catalogue
 
 def list_studies(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("--json", "--all"))
-    folders = [word for word in words if "=" not in word]
-    if len(folders) > 1:
-        raise ValueError(f"studies: one folder of results, then COLUMN=VALUE; {folders[1]!r} is a second one")
-    results = Path(*folders) if folders else Path("results")
-    found = catalogue(results, [word for word in words if "=" in word])
+    folder, filters = _folder("studies", words)
+    results = Path(folder or "results")
+    found = catalogue(results, filters)
     if "--json" in flags:
         print_json([asdict(entry) for entry in found])
         return 0
@@ -131,11 +129,9 @@ def history(argv: list[str]) -> int:
     from calibench.bench.tracking import history as of
 
     flags, words = split_flags(argv, ("--json", "--check"))
-    folders = [word for word in words if "=" not in word]
-    given = read(HistoryWords, "history", [word for word in words if word not in folders])
-    if len(folders) > 1:
-        raise ValueError(f"history: one folder of results; {folders[1]!r} is a second one")
-    results = Path(folders[0] if folders else given.results)
+    folder, rest = _folder("history", words)
+    given = read(HistoryWords, "history", rest)
+    results = Path(folder or given.results)
     asked = of.Asked(given.problem, given.optimizer, given.by, given.start, given.budget)
     if "--check" in flags:
         compared, base, newest = of.check(results, asked, given.tag)
@@ -201,11 +197,9 @@ def unpack_study(argv: list[str]) -> int:
 
 def ui(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("--write",))
-    folders = [word for word in words if "=" not in word]
-    given = read(UiWords, "ui", [word for word in words if word not in folders])
-    if len(folders) > 1:
-        raise ValueError(f"ui: one folder of results; {folders[1]!r} is a second one")
-    results = Path(folders[0] if folders else given.results)
+    folder, rest = _folder("ui", words)
+    given = read(UiWords, "ui", rest)
+    results = Path(folder or given.results)
     if not results.is_dir():
         raise ValueError(f"ui: {results}: there is no such results folder")
     try:
@@ -240,6 +234,14 @@ def _as_json(one: Any) -> dict[str, Any]:
         "by": one.by, "shown": one.shown, "versions": versions,
         "change": asdict(one.change) if one.change else None, "sentence": sentence(one),
     }  # fmt: skip
+
+
+def _folder(verb: str, words: Sequence[str]) -> tuple[str, list[str]]:
+    """Return the word that is a folder of results, "" where none is, and those that are KEY=VALUE."""
+    folders = [word for word in words if "=" not in word]
+    if len(folders) > 1:
+        raise ValueError(f"{verb}: one folder of results, then KEY=VALUE; {folders[1]!r} is a second one")
+    return "".join(folders), [word for word in words if word not in folders]
 
 
 def _named(verb: str, argv: Sequence[str]) -> tuple[Path, list[str]]:

@@ -35,7 +35,7 @@ _WORDS: dict[str, dict[str, dict[str, str]]] = {
             ("identify", verbs.IdentifyWords, _FLAG), ("paper", verbs.PaperWords, {}),
             ("choose", verbs.ChooseWords, _FLAG),
             ("compare", verbs.CompareWords, _FLAG | {"--methods M1 M2": "two methods, of one study or of two"}),
-            ("show", verbs.ShowWords, _FLAG), ("note", verbs.TrackingWords, {}), ("tag", verbs.TrackingWords, {}),
+            ("show", verbs.TrackingWords, _FLAG), ("note", verbs.TrackingWords, {}), ("tag", verbs.TrackingWords, {}),
             ("archive", verbs.TrackingWords, {"--undo": "take it back"}),
             ("delete", verbs.TrackingWords, {"--yes": "do not ask"}),
             ("sql", verbs.TrackingWords, _FLAG), ("pack", verbs.TrackingWords, {"--to FILE": "where (STUDY.zip)"}),

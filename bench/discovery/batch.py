@@ -244,7 +244,7 @@ def search_all(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcom
     """
     listed = sets(request.data, request.build_machine().name, request.stated)
     alone = len(listed) == 1
-    others = others_of(request.across, request.build_machine().name) if request.across else []
+    others = sources(request.across, request.build_machine().name, "across") if request.across else []
     if others and not alone:
         raise DataError(f"across= goes with one set in data=, and data={request.data:.40} names {len(listed)}")
     if same := [one.case for one in others if one.data_id and one.data_id == listed[0].data_id]:
@@ -282,14 +282,6 @@ def _telling(case: str) -> AbstractContextManager[None]:
         print_plain(f"  searching {case}, {monotonic() - began:.0f} s so far", file=sys.stderr, flush=True)
 
     return meanwhile(tell, _SOON, _EVERY)
-
-
-def others_of(named: str, machine: str) -> list[Source]:
-    """Return the sets that ``across=named`` stands for, as ``data=`` would. Raises `DataError` as `sources` does."""
-    try:
-        return sources(named, machine)
-    except DataError as error:
-        raise DataError(str(error).replace("data=", "across=", 1)) from None
 
 
 def search_digest(machine: Machine) -> str:
@@ -455,6 +447,6 @@ def discover(machine: str, data: Readings, *, across: Readings | Sequence[Readin
         if isinstance(one, MeasuredData):
             others.append(one)
         else:
-            others += [replace(o.read(stated), name=o.case) for o in others_of(str(one), machine)]
+            others += [replace(o.read(stated), name=o.case) for o in sources(str(one), machine, "across")]
     report = discrepancy.explain(machine, data)
     return discrepancy.carried(report, others) if others else report

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.bench.execution.request import Judged, Pair, is_stochastic, judged
+from calibench.bench.execution.request import Pair, is_stochastic, judged
 from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.gate.endings import frames_of, text_of
 from calibench.bench.gate.time_limit import JUDGING, Ending
@@ -26,34 +26,25 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _OTHERS = "merit"  # the column of all that has none of its own
-_OWN = tuple(column.name for column in COLUMNS if column.group == "merit" and column.name != _OTHERS)
+NO_MERIT: Mapping[str, Any] = dict.fromkeys(column.name for column in COLUMNS if column.group == "merit")
 PREFIX = "merit."
 _INFINITE = ("inf", "-inf")
 
 
-@final
-@dataclass(frozen=True)
-class Merit:
-    """Figures of merit: of each column of the machines' its number, None where there is none; all others as JSON."""
-
-    columns: Mapping[str, float | None] = field(default_factory=lambda: dict.fromkeys(_OWN))
-    others: str | None = None
-
-
-def merit_of(found: Any) -> Merit:
+def merit_of(found: Any) -> dict[str, Any]:
     """Return the result of ``merit(x)`` as columns of a row; raise `TypeError` for what is no number, flag or text.
 
     A number that is not finite is null there, as JSON has none; of the others an infinite one is its text.
     """
     if not isinstance(found, Mapping):
         raise TypeError(f"merit(x) returned {type(found).__name__}: names and numbers are needed, {{name: number}}")
-    own: dict[str, float | None] = dict.fromkeys(_OWN)
+    columns = dict(NO_MERIT)
     others: dict[str, Any] = {}
     for key, given in found.items():
         value = given
-        if key in _OWN:
+        if key in columns and key != _OTHERS:
             try:
-                own[key] = None if value is None else float(value)
+                columns[key] = None if value is None else float(value)
             except (TypeError, ValueError):
                 raise TypeError(
                     f"merit(x) gave {key}={value!r:.60}: a number is needed, as a column of that name has"
@@ -66,7 +57,8 @@ def merit_of(found: Any) -> Merit:
         if value is not None and not isinstance(value, str | bool | int | float):
             raise TypeError(f"merit(x) gave {key}={value!r:.60}: a number, True or False, or text is needed")
         others[str(key)] = value
-    return Merit(own, json.dumps(others, sort_keys=True, ensure_ascii=False) if others else None)
+    columns[_OTHERS] = json.dumps(others, sort_keys=True, ensure_ascii=False) if others else None
+    return columns
 
 
 def offered(runs: pd.DataFrame) -> pd.DataFrame:
@@ -132,8 +124,9 @@ class Answer:
     parameter_units: list[str] | None = None
     parameter_starts: list[float] | None = None
     parameter_truths: list[float | None] | None = None
-    merit: Merit = field(default_factory=Merit)
-    judged: Judged = field(default_factory=Judged)
+    judged_value: float | None = None  # without noise; None where nothing is noisy
+    judged_evaluations: int | None = None  # fresh ones that gave it; 0: it is exact
+    merit: Mapping[str, Any] = field(default_factory=lambda: NO_MERIT)
 
 
 def place_of_answer(pair: Pair, x: Array | None) -> dict[str, Any]:
@@ -175,8 +168,8 @@ def answer_of(pair: Pair, x: Array | None, ending: Ending, repetition: int) -> t
             known |= place_of_answer(pair, x) | read
             if extra_of(problem, "merit"):
                 known["merit"] = merit_of(problem.merit(np.array(x)))
-        known["judged"] = judged(problem, x, pair.problem_word, repetition)
-        return Answer(**known), ending
+        value, evaluations = judged(problem, x, pair.problem_word, repetition)
+        return Answer(**known, judged_value=value, judged_evaluations=evaluations), ending
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # SystemExit too

@@ -115,10 +115,12 @@ def around(
     calls = calls_of(problem)
     with in_parallel(calls, inner) if inner > 1 else nullcontext(calls) as calls:
         gate.ask(calls)
-        home = None if replay is None else os.path.abspath(replay.folder)  # the objective may go elsewhere
-        path = None if home is None else os.path.join(home, "replay", f"{run_id}.journal")
-        file = None if path is None else ReplayFile(path, run_id, code)
-        if replay is None or file is None or not file.usable:  # else another process makes this run too, and has it
+        if replay is None:
+            yield
+            return
+        home = os.path.abspath(replay.folder)  # the objective may go elsewhere
+        file = ReplayFile(os.path.join(home, "replay", f"{run_id}.journal"), run_id, code)
+        if not file.usable:  # another process makes this run too, and has it
             yield
             return
         noise = problem.rng if is_stochastic(problem) else None

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -289,18 +290,47 @@ def _sweep(path: Path) -> tuple[str, int, str]:
         return platform.node(), os.getpid(), "-"
 
 
+_LOOKS: dict[float, list[tuple[float, Callable[[], None]]]] = {}  # how often -> from when on, what is called
+_CHANGE = [Lock()]
+
+
+def _begin_anew() -> None:
+    """Forget the thread of the parent, and its lock, which that may have held."""
+    _LOOKS.clear()
+    _CHANGE[0] = Lock()
+
+
+if sys.platform != "win32":
+    os.register_at_fork(after_in_child=_begin_anew)
+
+
 @contextmanager
 def looked_at(look: Callable[[], None], every: float = 1.0) -> Iterator[None]:
     """Call `look` every so many seconds, from another thread, while the block lasts. Its exceptions are ignored."""
-    ended = threading.Event()
-
-    def beat() -> None:
-        while not ended.wait(every):
-            with suppress(Exception):
-                look()
-
-    threading.Thread(target=beat, name=f"{OWN_THREAD}pulse", daemon=True).start()
+    entry = time.monotonic() + every, look
+    with _CHANGE[0]:
+        if every not in _LOOKS:
+            _LOOKS[every] = []
+            threading.Thread(target=_beat, args=(every,), name=f"{OWN_THREAD}pulse", daemon=True).start()
+        _LOOKS[every].append(entry)
     try:
         yield
     finally:
-        ended.set()
+        with _CHANGE[0]:
+            if entry in _LOOKS.get(every, ()):
+                _LOOKS[every].remove(entry)
+
+
+def _beat(every: float) -> None:
+    """Look until there is nothing to look at: of runs that follow one another fast few begin a thread."""
+    while True:
+        time.sleep(every)
+        with _CHANGE[0]:
+            looks = list(_LOOKS[every])
+            if not looks:
+                del _LOOKS[every]
+                return
+        for begin, look in looks:
+            with suppress(Exception):
+                if time.monotonic() >= begin:
+                    look()

@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any
 
 from calibench import optimizers, problems
+from calibench.bench.execution.request import foreign_modules
 from calibench.bench.execution.run import Spec, asks_slopes, compile_problem
 from calibench.bench.gate.evaluator import Evaluator, scans
 from calibench.bench.gate.face import looks
@@ -22,7 +23,7 @@ from calibench.bench.provenance.run_id import canonical
 from calibench.core.compilation.compiled import heard, load_compiler, seen, tell_compiling, unseen
 from calibench.core.own_state import kept
 from calibench.core.registry import Registry
-from calibench.core.sources import file_of, is_ours, module_digest
+from calibench.core.sources import module_digest
 from calibench.problems.base import extra_of
 
 _LOADED: set[tuple[str, ...]] = set()  # what problems and the optimisers beside them need that this process has
@@ -133,7 +134,4 @@ def _load_around(problem: Any) -> None:
 
 def is_own(registry: Registry[Any], name: str) -> bool:
     """Tell whether a name is one of ours, and not a user's or another package's."""
-    if ":" in name or name not in registry:
-        return False
-    file = file_of(getattr(registry.factory(name), "__module__", None) or "")
-    return file is not None and is_ours(file)
+    return ":" not in name and name in registry and not foreign_modules(registry, name)

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from inspect import getattr_static
 from types import FunctionType
-from typing import Any, Literal, final
+from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +33,11 @@ from calibench.bench.provenance.run_id import canonical, key_of_optimizer, key_o
 from calibench.core.options import LARGEST_WHOLE, is_number, shown
 from calibench.core.registry import Registry
 from calibench.core.seeds import digest, seed_sequence
-from calibench.core.sources import file_of, is_foreign, is_ours
+from calibench.core.sources import is_foreign
 from calibench.problems.base import Parameter, coordinates_of, extra_of, parameters_of
+
+if TYPE_CHECKING:
+    from calibench.bench.execution.costly import ReplayFolder
 
 
 @final
@@ -52,6 +55,8 @@ class Asked:
     first: Array
     target: float | None
     targets: list[float]
+    inner: int = 1  # processes for its batches
+    replay: ReplayFolder | None = None  # where its values are
 
     @cached_property
     def run_id(self) -> str:
@@ -62,7 +67,7 @@ class Asked:
 
 def read_asked(
     pair: Pair, budget: int, repetition: int, *, start: Start | Array | None = None, target: float | None = None,
-    time_limit: float | None = None,
+    time_limit: float | None = None, inner: int = 1, replay: ReplayFolder | None = None,
 ) -> Asked:  # fmt: skip
     """Return the request of a run. Raises `ValueError` for a request without meaning."""
     check_numbers(budget, repetition, target, time_limit, pair.problem)
@@ -71,7 +76,7 @@ def read_asked(
     targets = [*pair.targets]
     if target is not None and target not in targets:
         targets.append(target)
-    return Asked(pair, budget, repetition, label, first, target, targets)
+    return Asked(pair, budget, repetition, label, first, target, targets, inner, replay)
 
 
 _MADE: dict[str, Pair] = {}
@@ -459,9 +464,7 @@ def probe(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> Los
     An exception is not reported here, because building raises it again. A process that ended may have been killed from
     outside: it is at fault the second time. Our own classes are not tried, nor any where a system cannot fork.
     """
-    factory = registry.factory(name)
-    file = file_of(getattr(factory, "func", factory).__module__)
-    if not CAN_FORK or (file is not None and is_ours(file)):
+    if not CAN_FORK or not foreign_modules(registry, name):
         return None
 
     def look() -> None:
@@ -500,26 +503,20 @@ def seeded(problem: Any, key: Any, repetition: int) -> Any:
     return _with_generator(problem, np.random.default_rng(seed_sequence(key, "noise", repetition=repetition)))
 
 
-@final
-@dataclass(frozen=True)
-class Judged:
-    """The answer's value without noise and the fresh evaluations that gave it (0: exact); None: nothing is noisy."""
+def judged(problem: Any, x: Array | None, key: Any, repetition: int) -> tuple[float | None, int | None]:
+    """Return the value of the answer `x` without noise and the fresh evaluations that gave it (0: exact).
 
-    value: float | None = None
-    evaluations: int | None = None
-
-
-def judged(problem: Any, x: Array | None, key: Any, repetition: int) -> Judged:
-    """Return the value of the answer `x` from evaluations of its own; infinite where one of them is not finite."""
+    The value is infinite where one of them is not finite. None: nothing is noisy, or there is no answer.
+    """
     if not is_stochastic(problem) or x is None:
-        return Judged()
+        return None, None
     known = getattr(problem, "noise_free", None)
     if known is not None:
         value = float(known(np.array(x)))
-        return Judged(value if np.isfinite(value) else float("inf"), 0)
+        return value if np.isfinite(value) else float("inf"), 0
     rng = np.random.default_rng(seed_sequence(key, "judge", repetition=repetition))
     gate = Evaluator(_with_generator(problem, rng), FRESH)
-    return Judged(float(np.mean([gate(x) for _ in range(FRESH)])), FRESH)
+    return float(np.mean([gate(x) for _ in range(FRESH)])), FRESH
 
 
 def _with_generator(problem: Any, rng: np.random.Generator) -> Any:

@@ -47,16 +47,6 @@ _PATIENCE = 60.0  # seconds for judging an answer where a run is watched and has
 
 @final
 @dataclass(frozen=True)
-class Way:
-    """How a run is made: its processes, the folder of its values, and the state before it (None: no foreign code)."""
-
-    inner: int
-    replay: ReplayFolder | None
-    state: Kept | None  # None where no foreign code takes part
-
-
-@final
-@dataclass(frozen=True)
 class Found:
     """What is known of a run that was cut, and when it began."""
 
@@ -101,7 +91,7 @@ class Spec:
             with self.asked(inner, replay) as (asked, state):
                 if not (asked.pair.may_hang and CAN_FORK):
                     watch = None if self.time_limit is None else Watch(Mirror(), self.time_limit)
-                    return make_run(asked, Way(inner, replay, state), watch)
+                    return make_run(asked, state, watch)
         from calibench.bench.execution.standing import run_apart  # it makes the rows of lost runs, which are `Run`s
 
         return run_apart(self, inner, replay, run_id)
@@ -113,12 +103,12 @@ class Spec:
         foreign = [module for registry, name in both for module in asking.foreign_modules(registry, name)]
         with one_thread(), _own_state(foreign) as state:
             pair = asking.made_pair(self.problem, self.problem_options, self.optimizer, self.optimizer_options)
-            asked = asking.read_asked(
-                pair, self.budget, self.repetition, start=self.start, target=self.target, time_limit=self.time_limit
-            )
             check_inner(pair.problem, pair.optimizer, inner)
             check_replay(pair.problem, replay)
-            yield asked, state
+            yield asking.read_asked(
+                pair, self.budget, self.repetition, start=self.start, target=self.target, time_limit=self.time_limit,
+                inner=inner, replay=replay,
+            ), state  # fmt: skip
 
 
 def _column(name: str, kind: Callable[..., T]) -> T:
@@ -207,20 +197,14 @@ def made_or_found(
             run = ask(found, hear)
         if not isinstance(run, Cut):
             return run, known_id
-        if draft is not None:
-            return as_lost_in_judging(draft, run), known_id
+        if draft is not None:  # its process ended as the answer was judged: failed, unless the search had failed before
+            kind = "TimeoutError" if run.timed_out else run.ending.error_type
+            failed: dict[str, Any] = {"status": "failed", "stop_reason": "failed", "error_type": kind}
+            lost = Run(replace(draft.record, error=run.ending.error, **failed), draft.points)
+            return draft if draft.error_type else lost, known_id
         if found is not None or run.phase == Phase.BUILDING:
             return found or Found(run, began), known_id
         found = Found(run, began)
-
-
-def as_lost_in_judging(draft: Run, cut: Cut) -> Run:
-    """Return a run whose process ended as its answer was judged: failed, unless its search had failed before."""
-    if draft.error_type:
-        return draft
-    kind = "TimeoutError" if cut.timed_out else cut.ending.error_type
-    failed: dict[str, Any] = {"status": "failed", "stop_reason": "failed"}
-    return Run(replace(draft.record, error_type=kind, error=cut.ending.error, **failed), draft.points)
 
 
 def execute(
@@ -245,16 +229,17 @@ def execute(
     foreign = [type(part).__module__ for part in (problem, optimizer) if is_foreign(part)]
     with one_thread(), _own_state(foreign) as state:
         pair = asking.pair_of(problem, optimizer, problem_name, optimizer_name)
-        asked = asking.read_asked(pair, budget, seed, start=start, target=target, time_limit=time_limit)
+        asked = asking.read_asked(
+            pair, budget, seed, start=start, target=target, time_limit=time_limit, inner=inner, replay=replay
+        )
         check_inner(problem, optimizer, inner)
         check_replay(problem, replay)
-        way = Way(inner, replay, state)
         if not CAN_FORK or not (time_limit is not None or pair.may_hang):
-            return make_run(asked, way, None if time_limit is None else Watch(Mirror(), time_limit))
-        return _run_of_object(asked, way, time_limit)
+            return make_run(asked, state, None if time_limit is None else Watch(Mirror(), time_limit))
+        return _run_of_object(asked, state, time_limit)
 
 
-def _run_of_object(asked: Asked, way: Way, time_limit: float | None) -> Run:
+def _run_of_object(asked: Asked, state: Kept | None, time_limit: float | None) -> Run:
     """Make a run in a child forked for it, which has the objects; where that is cut, its row in another."""
     pair = asked.pair
     if not (pair.foreign_problem or pair.foreign_optimizer):  # ours compile here, once for all runs
@@ -263,23 +248,22 @@ def _run_of_object(asked: Asked, way: Way, time_limit: float | None) -> Run:
     limit = inf if time_limit is None else time_limit
 
     def make(found: Found | None, watch: Watch) -> tuple[Run, bool]:
-        if way.state is None:
-            return make_run(asked, way, watch, found), False
-        with kept() as state:  # a child has other streams than its parent from the beginning
-            return make_run(asked, replace(way, state=state), watch, found), False
+        if state is None:
+            return make_run(asked, None, watch, found), False
+        with kept() as own:  # a child has other streams than its parent from the beginning
+            return make_run(asked, own, watch, found), False
 
-    room = len(asked.first) + 2 * len(asked.targets)
-    run, _ = made_or_found(lambda found, hear: Runner(make, room).ask(found, limit, hear), datetime.now(UTC))
+    run, _ = made_or_found(lambda found, hear: Runner(make).ask(found, limit, hear), datetime.now(UTC))
     if isinstance(run, Found):  # the row of a run that was cut, without a further call of its problem
         gate = Evaluator(pair.problem, asked.budget, start=asked.first, target=asked.target, targets=asked.targets)
         ending = run.restored(gate)
         gate.close()
         row = row_of(asked, gate, Answer(**place_of_answer(pair, gate.best_x)), ending, run.began)
         return Run(row, tuple(gate.trace))
-    if way.state is None:
+    if state is None:
         return run
-    way.state.note(run.record.process_changes or ())  # and what has been changed here before that
-    return Run(replace(run.record, process_changes=way.state.put_back()), run.points)
+    state.note(run.record.process_changes or ())  # and what has been changed here before that
+    return Run(replace(run.record, process_changes=state.put_back()), run.points)
 
 
 @contextmanager
@@ -292,12 +276,12 @@ def _own_state(foreign: Sequence[str]) -> Iterator[Kept | None]:
         yield state
 
 
-def make_run(asked: Asked, way: Way, watch: Watch | None = None, found: Found | None = None) -> Run:
-    """Make the run that is asked for in this process, and tell `watch` of it.
+def make_run(asked: Asked, state: Kept | None, watch: Watch | None = None, found: Found | None = None) -> Run:
+    """Make the run that is asked for in this process, and tell `watch` of it. `state`: None without foreign code.
 
     Where it was `found` cut by its time limit or a crash, there is no search: this is then its row.
     """
-    pair, repetition, state = asked.pair, asked.repetition, way.state
+    pair, repetition, replay = asked.pair, asked.repetition, asked.replay
     words = pair.problem_word, pair.optimizer_word
     begin: Callable[[], object] = float  # nothing, as our code draws from rng alone
     if state is not None:
@@ -308,7 +292,6 @@ def make_run(asked: Asked, way: Way, watch: Watch | None = None, found: Found | 
         begin = partial(begin_generators, seed_sequence(*words, "shared", repetition=repetition))
     problem, optimizer = pair.problem, pair.optimizer
     foreign = pair.foreign_problem or pair.foreign_optimizer
-    replay = way.replay
     if replay is not None and not replay.always and not pair.foreign_problem:
         replay = None  # an evaluation of ours takes microseconds
     if watch is not None:
@@ -339,7 +322,7 @@ def make_run(asked: Asked, way: Way, watch: Watch | None = None, found: Found | 
     else:
         rng = np.random.default_rng(seed_sequence(*words, repetition=repetition))
         limit = None if watch is None or watch.limit == inf else watch.limit
-        made_in = around(gate, searched, asked.run_id, pair.code, inner=way.inner, replay=replay, time_limit=limit)
+        made_in = around(gate, searched, asked.run_id, pair.code, inner=asked.inner, replay=replay, time_limit=limit)
         stall_limit = limits.STALL_LIMIT if pair.may_hang else inf
         clock: Callable[[], object] = float if watch is None else partial(watch.begin, gate, stall_limit)
         with followed(name, gate):
@@ -373,7 +356,7 @@ _OF_GATE = (
 )  # fmt: skip
 _OF_ANSWER = (
     "inside_box", "at_bound", "parameter_names", "parameter_values", "parameter_units", "parameter_starts",
-    "parameter_truths",
+    "parameter_truths", "judged_value", "judged_evaluations",
 )  # fmt: skip
 
 
@@ -386,7 +369,7 @@ def row_of(
     can_differ = len(asking.repetitions_of(pair.optimizer, start, range(2), is_stochastic(pair.problem))) > 1
     hits, hits_charged = gate.hits, gate.hits_charged  # what each target cost
     if is_stochastic(pair.problem):  # the lowest value seen may be luck: the answer counts, where it was proposed
-        value = np.inf if answer.judged.value is None else answer.judged.value
+        value = np.inf if answer.judged_value is None else answer.judged_value
         after = next((point for point in gate.trace if point[0] >= gate.best_evaluation), None)
         derivatives = 0 if after is None else after[1] - after[0]
         reached = [value <= level for level in gate.targets]
@@ -394,7 +377,7 @@ def row_of(
         hits_charged = [gate.best_evaluation + derivatives if hit else None for hit in reached]
     stop_reason = stop_reason_of(gate, ending)
     plainly: dict[str, Any] = {name: getattr(gate, name) for name in _OF_GATE}
-    plainly |= {**{name: getattr(answer, name) for name in _OF_ANSWER}, **answer.merit.columns}
+    plainly |= {**{name: getattr(answer, name) for name in _OF_ANSWER}, **answer.merit}
     return RunRow(
         run_id=asked.run_id, study="",  # known where it is stored
         problem=pair.problem_name, problem_options=pair.problem_options, data_id=pair.data_id,
@@ -404,8 +387,7 @@ def row_of(
         target=asked.target, **plainly, status=stop_reason if stop_reason in ("failed", "timeout") else "ok",
         stop_reason=stop_reason, error_type=ending.error_type, error=ending.error, traceback=ending.traceback,
         tampering="; ".join(gate.attempts), process_changes=list(process_changes),
-        best_x=None if gate.best_x is None else gate.best_x.tolist(), merit=answer.merit.others,
-        judged_value=answer.judged.value, judged_evaluations=answer.judged.evaluations, hits=hits,
+        best_x=None if gate.best_x is None else gate.best_x.tolist(), hits=hits,
         hits_charged=hits_charged, unit=pair.unit, minimum=pair.minimum, problem_group=pair.problem_group,
         chance=can_differ, wall_s=ending.wall_s, cpu_s=ending.cpu_s, started_at=began, code_digest=pair.code,
         schema_version=SCHEMA_VERSION, **provenance(),

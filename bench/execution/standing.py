@@ -1,8 +1,8 @@
 """Runs in the standing process, and the rows of runs whose process was lost.
 
 The standing process makes the runs that have a time limit; each thread that makes such runs has one. It is begun anew
-where a run was cut or left something that cannot be put back (`core.own_state`), where its memory is too small, and
-where this process is no longer what it was as it forked. Of a run whose process was lost, problem and optimiser are
+where a run was cut or left something that cannot be put back (`core.own_state`), and where this process is no longer
+what it was as it forked. Of a run whose process was lost, problem and optimiser are
 built once more in a child with little time; else the classes are read; else only the `Spec`. So there is always a row.
 """
 
@@ -16,15 +16,15 @@ from math import inf
 from typing import Any, final
 
 from calibench import optimizers, problems
-from calibench.bench.execution.answer import Answer, Merit
+from calibench.bench.execution.answer import NO_MERIT, Answer
 from calibench.bench.execution.costly import ReplayFolder
 from calibench.bench.execution.kernels import is_own, load_new_kernels
 from calibench.bench.execution.request import check_numbers, pair_of, preferred_start, read_asked
-from calibench.bench.execution.run import Found, Run, Spec, Way, made_or_found, make_run, row_of
+from calibench.bench.execution.run import Found, Run, Spec, made_or_found, make_run, row_of
 from calibench.bench.execution.run_row import SCHEMA_VERSION, RunRow
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.processes import Lost, apart, has_children
-from calibench.bench.gate.time_limit import ROOM, Cut, Ending, Larger, Mirror, Phase, Runner, Watch
+from calibench.bench.gate.time_limit import Cut, Ending, Mirror, Phase, Runner, Watch
 from calibench.bench.provenance.code_digest import Library, code_digest, library_of
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical, chosen_options, options_as_asked, run_id
@@ -69,28 +69,23 @@ def run_apart(spec: Spec, inner: int, replay: ReplayFolder | None, known_id: str
 
 
 def _ask(request: _Request, hear: Callable[[Any, Mirror, int], None]) -> Run | Cut:
-    """Return what the standing process makes of a request; it gets more room where the run needs it."""
-    spec, room, me = request.spec, ROOM, threading.current_thread()
+    """Return what the standing process makes of a request."""
+    spec, me = request.spec, threading.current_thread()
     limit = inf if spec.time_limit is None else spec.time_limit
-    plain = _is_plain([spec.problem_options, spec.optimizer_options])
-    if plain and load_new_kernels(spec):
+    if not _is_plain([spec.problem_options, spec.optimizer_options]):  # an object cannot be sent there
+        runner = Runner(lambda _, watch: (_make(request, watch)[0], False))
+        return runner.ask(None, limit, hear)  # type: ignore[no-any-return]
+    if load_new_kernels(spec):
         _end_standing(me)  # it begins from here, where they are
-    while True:
-        try:
-            if not plain:  # an object cannot be sent there
-                runner = Runner(lambda _, watch: (_make(request, watch)[0], False), room)
-                return runner.ask(None, limit, hear)  # type: ignore[no-any-return]
-            for thread in [thread for thread in _STANDING if not thread.is_alive()]:
-                _end_standing(thread)
-            if me in _STANDING:
-                runner, before = _STANDING[me]
-                if not runner.child.is_alive() or runner.room < room or before.change():
-                    _end_standing(me)
-            if me not in _STANDING:
-                _STANDING[me] = Runner(_make, room), own_state.Kept(SLOW)
-            return _STANDING[me][0].ask(request, limit, hear)  # type: ignore[no-any-return]
-        except Larger as larger:
-            room = 2 * larger.args[0]
+    for thread in [thread for thread in _STANDING if not thread.is_alive()]:
+        _end_standing(thread)
+    if me in _STANDING:
+        runner, before = _STANDING[me]
+        if not runner.child.is_alive() or before.change():
+            _end_standing(me)
+    if me not in _STANDING:
+        _STANDING[me] = Runner(_make), own_state.Kept(SLOW)
+    return _STANDING[me][0].ask(request, limit, hear)  # type: ignore[no-any-return]
 
 
 def _end_standing(thread: threading.Thread) -> None:
@@ -101,7 +96,7 @@ def _end_standing(thread: threading.Thread) -> None:
 def _make(request: _Request, watch: Watch) -> tuple[Run, bool]:
     watch.enter(Phase.BUILDING, request.building_s)
     with request.spec.asked(request.inner, request.replay) as (asked, state):
-        run = make_run(asked, Way(request.inner, request.replay, state), watch, request.found)
+        run = make_run(asked, state, watch, request.found)
     return run, not (own_state.lasting() or has_children())
 
 
@@ -172,10 +167,10 @@ def _bare(spec: Spec, ending: Ending, library: Library = _UNSAID, code: str = ""
         "best_evaluation",
     )  # fmt: skip
     unknown = (
-        "best_x", "parameter_names", "parameter_values", "merit", "minimum", "judged_value", "judged_evaluations",
+        "best_x", "parameter_names", "parameter_values", "minimum", "judged_value", "judged_evaluations",
         "outside_evaluations", "parameter_units", "parameter_starts", "parameter_truths", "chance",
     )  # fmt: skip
-    blank: dict[str, Any] = {**dict.fromkeys(counts, 0), **dict.fromkeys(unknown), **Merit().columns}
+    blank: dict[str, Any] = {**dict.fromkeys(counts, 0), **dict.fromkeys(unknown), **NO_MERIT}
     return RunRow(
         run_id=run_id(*keys, spec.budget, spec.repetition, preferred_start(None, spec.start), spec.target),
         study="", problem=problem, optimizer=optimizer, data_id="", **blank,

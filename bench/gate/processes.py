@@ -18,7 +18,6 @@ import select
 import signal
 import struct
 import sys
-import threading
 import warnings
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
@@ -33,7 +32,6 @@ from types import TracebackType
 from typing import Any, TypeVar, final
 
 from calibench.bench.gate.endings import ToldError, frames_of, text_of
-from calibench.core.process_state import OWN_THREAD
 from calibench.core.user_file import as_usual, safe_children
 
 T = TypeVar("T")
@@ -192,19 +190,15 @@ class WorkerPool:
                 child.end()
             else:
                 child.connection.close()
-        if children:
-            os.close(self._held)
 
     def __enter__(self) -> WorkerPool:
         flush_output()  # else each process would print what is in there
         self._owner = os.getpid()
-        parent_pipe, self._held = os.pipe()
         load_prctl()
         for _ in range(self.size):
-            child = Child(_serve, (self.work, parent_pipe, self._held))
+            child = Child(_serve, (self.work,))
             child.start(other.connection for other in self._children)
             self._children.append(child)
-        os.close(parent_pipe)
         return self
 
     def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
@@ -230,9 +224,7 @@ class WorkerPool:
         self._broken = ProcessDied(f"a process that evaluated points ended with {child.end()}")
 
 
-def _serve(connection: Connection, work: Callable[[Job], Answer], parent_pipe: int, held: int) -> None:
-    os.close(held)
-    threading.Thread(target=_follow, name=f"{OWN_THREAD}follow", args=(parent_pipe,), daemon=True).start()
+def _serve(connection: Connection, work: Callable[[Job], Answer]) -> None:
     while True:
         of_round, number, job = connection.recv()
         try:
@@ -264,14 +256,11 @@ def forked(work: Callable[[Sender], None]) -> Iterator[tuple[BaseProcess, Receiv
     load_prctl()
     flush_output()  # else the child would print what is in there
     ours, theirs = os.pipe()
-    parent_pipe, held = os.pipe()
     mine = os.getpid()
 
     def live() -> None:
         become_worker(mine)
         os.close(ours)
-        os.close(held)
-        threading.Thread(target=_follow, name=f"{OWN_THREAD}follow", args=(parent_pipe,), daemon=True).start()
         code = 0
         try:
             work(Sender(theirs))
@@ -287,7 +276,6 @@ def forked(work: Callable[[Sender], None]) -> Iterator[tuple[BaseProcess, Receiv
         child.start()
     assert child.pid is not None
     os.close(theirs)
-    os.close(parent_pipe)
     line = Receiver(ours, child.pid)
     try:
         yield child, line
@@ -296,7 +284,6 @@ def forked(work: Callable[[Sender], None]) -> Iterator[tuple[BaseProcess, Receiv
             end_family(child.pid)  # it has answered, or never will
             child.join()
         line.close()
-        os.close(held)
 
 
 @final
@@ -348,13 +335,6 @@ def flush_output() -> None:
             stream.flush()
     with suppress(Exception):
         ctypes.CDLL(None).fflush(None)
-
-
-def _follow(parent_pipe: int) -> None:
-    """Wait until the parent is gone; then exit with all processes started here, where the system has not done so."""
-    os.read(parent_pipe, 1)
-    _end_descendants(os.getpid())
-    os._exit(1)
 
 
 _LENGTH = struct.Struct("!Q")

@@ -41,7 +41,7 @@ _COUNTS = (
 )  # fmt: skip  # of a gate, as they stand in the head of a mirror; then its other numbers, and what is told of the run
 _BEST, _EARLIER, _SIZES = slice(10, 14), slice(14, 16), slice(16, 18)
 DEADLINE, PHASE, CPU_BEFORE, STALL, _HEAD = 18, 19, 20, 21, 22
-ROOM = 1000  # numbers that a mirror has room for unless more are asked for
+_ROOM = 1 << 21  # numbers of the best point and the targets, 16 MB: a system gives only what is written to
 _ATTEMPTS = 64  # numbers of eight letters, for the names of what was tried
 PASSED = "the time limit has passed"
 _DIED = "the process of this run ended"
@@ -125,11 +125,6 @@ _SEARCH = float(Phase.SEARCH)  # as a mirror has it: of an enumeration it would 
 
 
 @final
-class Larger(Exception):
-    """A run needs room for so many numbers, its argument, in the shared memory."""
-
-
-@final
 @dataclass(frozen=True)
 class Watch:
     """What a run tells of itself to the process that watches it; `limit` [s] is that of each phase, infinite: none."""
@@ -154,14 +149,14 @@ class Watch:
 class Mirror:
     """The state of a run and its gate, as numbers in memory that parent and child share.
 
-    There is `room` for the best point and for what each target cost, twice. It serves run after run: `show` begins one.
+    It serves run after run: `show` begins one.
     In its `head` stand the `DEADLINE` (when the gate will refuse, on the clock `time.perf_counter` that parent and
     child share), the `PHASE`, `CPU_BEFORE` (processor seconds of the process before the run), and `STALL` (seconds
     that a search has without an evaluation).
     """
 
-    def __init__(self, room: int = ROOM) -> None:
-        size = _HEAD + _ATTEMPTS + 4 * _TRACE_POINTS + room
+    def __init__(self) -> None:
+        size = _HEAD + _ATTEMPTS + 4 * _TRACE_POINTS + _ROOM
         whole = np.frombuffer(mmap.mmap(-1, 8 * size), dtype=np.float64)
         self.head, rest = whole[:_HEAD], whole[_HEAD:]
         self._attempts, rest = rest[:_ATTEMPTS].view(np.uint8), rest[_ATTEMPTS:]
@@ -171,10 +166,9 @@ class Mirror:
         self.enter(Phase.BUILDING, inf)
 
     def show(self, gate: Evaluator) -> None:
-        """Show `gate` from now on, and nothing of what was shown before. Raises `Larger` where it needs more room."""
-        needed = gate.dimension + 2 * len(gate.hits)
-        if needed > len(self._rest):
-            raise Larger(needed)
+        """Show `gate` from now on, and nothing of what was shown before."""
+        if gate.dimension + 2 * len(gate.hits) > _ROOM:
+            raise ValueError(f"time_limit: a run with one has at most {_ROOM} parameters, targets counted twice")
         self.head[_SIZES] = gate.dimension, len(gate.hits)
         self._attempts[:] = 0
         self._traced = 0
@@ -263,8 +257,8 @@ class Runner:
     It ends with the thread that began it. `child` is the process, and `end` ends it with all that it has started.
     """
 
-    def __init__(self, make: Make, room: int = ROOM) -> None:
-        self.room, self._mirror, stack = room, Mirror(room), ExitStack()
+    def __init__(self, make: Make) -> None:
+        self._mirror, stack = Mirror(), ExitStack()
         theirs, self._requests = Pipe(duplex=False)
         with closing(theirs):
             serve = partial(self._serve, make, theirs)
@@ -276,7 +270,7 @@ class Runner:
         """Return the run of `request`, or a `Cut`; each of its phases has `limit` seconds.
 
         `hear` gets what the run tells meanwhile, with its counts and the number of the process, which is ended where no
-        run came, or it may make no more. Raises what could not be made into a run, and `Larger`.
+        run came, or it may make no more. Raises what could not be made into a run.
         """
         assert self.child.pid is not None
         mirror = self._mirror
@@ -304,8 +298,6 @@ class Runner:
                 return Cut(phase, why != _DIED, ending, mirror.read() if phase >= Phase.SEARCH else None)
             if kind == "raised":
                 raise found.rebuilt()
-            if kind == "larger":
-                raise Larger(found)
             run, may_go_on = found
             if not may_go_on:
                 self.end()
@@ -327,8 +319,6 @@ class Runner:
             answer: tuple[str, Any]
             try:
                 answer = "run", make(request, watch)
-            except Larger as larger:
-                answer = "larger", larger.args[0]
             except BaseException as error:  # of a request that makes no sense, or to end it all
                 answer = "raised", ToldError.of(error)
             flush_output()

@@ -90,8 +90,8 @@ class Source:
         return digest.hexdigest()
 
 
-def sources(named: str, machine: str | Declared) -> list[Source]:
-    """Return what ``data=named`` stands for, in the order of names; parts are parted by commas.
+def sources(named: str, machine: str | Declared, key: str = "data") -> list[Source]:
+    """Return what ``data=named``, or another `key`, stands for, in the order of names; parts are parted by commas.
 
     The folder's name stands before the stem where two files have the same. Raises `DataError` where nothing has such a
     name.
@@ -99,10 +99,10 @@ def sources(named: str, machine: str | Declared) -> list[Source]:
     declared = machine if isinstance(machine, Declared) else readers.declared_by(machine)
     by_key: dict[str, Source] = {}
     for word in [part for part in named.split(",") if part] if not _exists(Path(named)) else [named]:
-        for source in _sources_of(word, declared):
+        for source in _sources_of(word, declared, key):
             by_key.setdefault(source.printed or str(source.path), source)
     if not by_key:
-        raise DataError("data=: a file, a glob, a folder or a name is needed, such as data=run7.parquet")
+        raise DataError(f"{key}=: a file, a glob, a folder or a name is needed, such as {key}=run7.parquet")
     count = Counter(source.case for source in by_key.values())
     cases: dict[str, Source] = {}
     for source in by_key.values():
@@ -187,7 +187,7 @@ def shipped_path(name: str, machine: str) -> Path:
     return demonstrations[name]
 
 
-def _sources_of(word: str, declared: Declared) -> list[Source]:
+def _sources_of(word: str, declared: Declared, key: str) -> list[Source]:
     machine, endings = declared.machine, (*readers.ENDINGS, *declared.files)
     path = Path(word).expanduser()
 
@@ -206,14 +206,14 @@ def _sources_of(word: str, declared: Declared) -> list[Source]:
         if sockets and set(files) <= {file.path for file in sockets}:
             return [Source(_as_case(path.resolve().name), path, machine)]
         if not files:
-            raise DataError(f"data={word}: the folder holds no {' or '.join(endings)} file")
+            raise DataError(f"{key}={word}: the folder holds no {' or '.join(endings)} file")
         return [Source(_as_case(p.stem), p, machine) for p in files]
     if _exists(path) or (path.suffix.lower() in endings and not glob.has_magic(word)):
         return [source(path)]
     if glob.has_magic(word):
         files = of_data(Path(p) for p in glob.iglob(str(path), recursive=True))
         if not files:
-            raise DataError(f"data={word}: matches no {' or '.join(endings)} file")
+            raise DataError(f"{key}={word}: matches no {' or '.join(endings)} file")
         return [source(p) for p in files]
     demonstrations = _demonstrations(declared)
     if word in declared.printed:
@@ -222,7 +222,7 @@ def _sources_of(word: str, declared: Declared) -> list[Source]:
         return [Source(word, demonstrations[word], machine)]
     names = [*demonstrations, *declared.printed]
     ways = f"; the names of {machine}: {suggest(word, names)}" if names else ""
-    raise DataError(f"data={word}: there is no such file, folder or name{ways}")
+    raise DataError(f"{key}={word}: there is no such file, folder or name{ways}")
 
 
 def _as_case(name: str) -> str:

@@ -36,7 +36,7 @@ from calibench.bench.sweep.remarks import ONE_RUN, remarks_on_rows
 from calibench.bench.sweep.request import Request, read_request
 from calibench.bench.sweep.words import Execution, read_execution
 from calibench.bench.words import RequestError
-from calibench.bench.workers.carrier import Carrier, How, Job, Packs, Serial
+from calibench.bench.workers.carrier import Carrier, Job, Packs, Serial
 from calibench.bench.workers.processes import Processes, printed_files
 from calibench.core.process import meanwhile
 from calibench.core.words import counted, print_plain as print, printable
@@ -178,7 +178,7 @@ def _do(
     tell_of_costs(measured, tell)
     jobs = [Job(run_id, spec, request.labels[run_id]) for run_id, spec in unbegun.items()]
     replay = None if request.replay is False else ReplayFolder(request.folder.resolve(), request.replay is True)
-    packs = Packs(jobs, execution.workers, How(execution.inner, replay))
+    packs = Packs(jobs, execution.workers, execution.inner, replay)
 
     carrier: Carrier
     if execution.name == "dask":

@@ -85,29 +85,26 @@ class Job:
 
 @final
 @dataclass(frozen=True)
-class How:
-    """The way of executing runs: `inner` processes for the batches of each, and the folder of values to resume from."""
-
-    inner: int = 1
-    replay: ReplayFolder | None = None
-
-
-@final
-@dataclass(frozen=True)
 class Pack:
-    """Jobs for one worker, in order. An `alone` one is of a single job that a worker was lost with."""
+    """Jobs for one worker, in order. An `alone` one is of a single job that a worker was lost with.
+
+    `inner` processes evaluate the batches of each run; `replay` is the folder of values to resume from.
+    """
 
     jobs: tuple[Job, ...]
     alone: bool = False
-    how: How = How()
+    inner: int = 1
+    replay: ReplayFolder | None = None
 
 
 @final
 class Packs:
     """What remains to be done, handed out in packs, sized for so many `workers`: those of a cluster come and go."""
 
-    def __init__(self, jobs: Iterable[Job], workers: int = 1, how: How | None = None) -> None:
-        self._how = how or How()
+    def __init__(
+        self, jobs: Iterable[Job], workers: int = 1, inner: int = 1, replay: ReplayFolder | None = None
+    ) -> None:
+        self._inner, self._replay = inner, replay
         self.waiting = deque(jobs)
         self.alone: deque[Job] = deque()
         self.workers = workers
@@ -118,7 +115,7 @@ class Packs:
 
     def take(self) -> Pack | None:
         if self.alone:
-            return Pack((self.alone.popleft(),), alone=True, how=self._how)
+            return Pack((self.alone.popleft(),), True, self._inner, self._replay)
         most = min(_MOST, max(1, len(self.waiting) // (_SHARE * max(1, self.workers))))
         jobs: list[Job] = []
         seconds = 0.0
@@ -126,7 +123,7 @@ class Packs:
             jobs.append(self.waiting.popleft())
             runs, total = self._times.get(jobs[-1].cell, (1, _PACK_S))  # of an unknown cell one run shows it
             seconds += total / runs
-        return Pack(tuple(jobs), how=self._how) if jobs else None
+        return Pack(tuple(jobs), False, self._inner, self._replay) if jobs else None
 
     def note_time(self, job: Job, seconds: float) -> None:
         runs, total = self._times.get(job.cell, (0, 0.0))
@@ -152,7 +149,7 @@ def do_pack(pack: Pack, keep: Callable[[Run, float], None], tell: Callable[[list
     A run that a worker was lost with is executed in a process of its own. Returns False where no further run may be
     done in this process: it is to end at once, and the last run that was kept has not been told of.
     """
-    replay = pack.how.replay
+    replay = pack.replay
     if replay is not None and not (Path(replay.folder) / "manifest.json").is_file():
         replay = None  # this machine does not share the folder
     ended: list[Notice] = []
@@ -161,7 +158,7 @@ def do_pack(pack: Pack, keep: Callable[[Run, float], None], tell: Callable[[list
         for job in pack.jobs:
             spec = replace(job.spec, time_limit=job.spec.time_limit or _FOR_EVER) if pack.alone else job.spec
             began = perf_counter()
-            run = spec.execute(inner=pack.how.inner, replay=replay, run_id=job.run_id)
+            run = spec.execute(inner=pack.inner, replay=replay, run_id=job.run_id)
             now = perf_counter()
             keep(run, now - began)
             if replay is not None:

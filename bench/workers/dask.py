@@ -8,17 +8,17 @@ the scheduler, which holds few messages. Whatever goes wrong with the scheduler 
 
 from __future__ import annotations
 
+import asyncio
 import json
 import logging
 import pickle
-import queue
 import subprocess
 import sys
 import tempfile
-import threading
 import warnings
 from collections import Counter, deque
 from collections.abc import Generator, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError, Future, wait
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -40,8 +40,6 @@ _TO_AGREE = 30.0  # seconds for workers that are there to compare their code wit
 _STRIKES = 3  # the site may end two workers in a row; what a run itself does is mostly a row at the second
 _NOBODY = 10.0  # seconds without a worker after which that is told
 _MESSAGES = 64  # on their way, after which workers wait for us
-_LOGGERS = ("distributed", "dask", "tornado", "asyncio")
-_NOTHING = logging.Filter("no logger is called so")
 _HOST = "127.0.0.1"
 _ENTER = (
     "import sys; sys.path[:] = {path!r}; from calibench.bench.workers.dask_worker import serve; serve(*sys.argv[1:])"
@@ -122,7 +120,12 @@ class _Sweep:
         self._journals: dict[tuple[Any, ...], Journal] = {}  # rows say where they were made: one a kind of machine
         self._publish = to_files(folder)
         self._running: dict[str, Progress] = {}  # how far the long runs are
-        self._inbox = _Inbox(cluster, self._name)
+        from distributed import Queue
+
+        make: Any = Queue  # it has no types
+        self._queue = make(self._name, client=cluster.client, maxsize=_MESSAGES)
+        self._arriving: Future[Mapping[str, Any]] | None = None  # the next message
+        self._is_silent = True  # nothing has come of late
         self._home = pickle.dumps(home_of(job.spec for job in (*packs.alone, *packs.waiting)))
 
     def run(self) -> Iterator[Notice]:
@@ -139,19 +142,26 @@ class _Sweep:
                 if pack is None:
                     break
                 self._fly(min(room, key=lambda worker: len(room[worker].flights) / room[worker].threads), pack)
-            message: Mapping[str, Any] | BaseException | None = None
-            with suppress(queue.Empty):
-                message = self._inbox.arrived.get(timeout=_LOOK)
-            if isinstance(message, BaseException):
-                raise self._cluster.lost(message)
+            try:
+                if self._arriving is None:
+                    get, loop = self._queue.get(asynchronous=True), self._cluster.client.loop.asyncio_loop
+                    self._arriving = asyncio.run_coroutine_threadsafe(get, loop)
+                self._is_silent = not wait([self._arriving], _LOOK).done
+                message = None if self._is_silent else self._arriving.result()
+            except (Exception, CancelledError) as error:
+                raise self._cluster.lost(error) from None
             if message is not None:
+                self._arriving = None
                 yield from self._hear(message)
 
     def close(self) -> None:
         client = self._cluster.client
         with suppress(Exception):
             client.cancel([flight.future for flight in self._flights.values()], force=True)
-        self._inbox.close()
+        with suppress(Exception):
+            if self._arriving is not None:
+                self._arriving.cancel()
+            self._queue.close()
         if self._cluster.local is None and client.status == "running":
             from calibench.bench.workers.dask_worker import close_seats
 
@@ -194,7 +204,7 @@ class _Sweep:
                 flight.missed = None
             elif flight.missed is None:
                 flight.missed = now  # what it told last may still be on its way
-            elif now - flight.missed > _LOOK and self._inbox.arrived.empty():
+            elif now - flight.missed > _LOOK and self._is_silent:
                 yield from self._end(number, ("failed", why))
 
     def _fly(self, worker: str, pack: Pack) -> None:
@@ -284,42 +294,6 @@ class _Sweep:
 
 
 @final
-class _Inbox:
-    """The messages that have `arrived` over the scheduler's queue; so many at most, then the workers wait."""
-
-    def __init__(self, cluster: Cluster, name: str) -> None:
-        from distributed import Queue
-
-        self._cluster = cluster
-        make: Any = Queue  # it has no types
-        self._queue = make(name, client=cluster.client, maxsize=_MESSAGES)
-        self.arrived: queue.Queue[Any] = queue.Queue(_MESSAGES)
-        self._closed = False
-        threading.Thread(target=self._receive, daemon=True).start()
-
-    def close(self) -> None:
-        self._closed = True
-        with suppress(Exception):
-            if self._cluster.client.status == "running":
-                self._queue.put(None, timeout=_LOOK)  # it wakes the receiver, else the end of the client does
-                self._queue.close()
-
-    def _receive(self) -> None:
-        message: Any = None
-        while not self._closed:
-            try:
-                message = self._queue.get()
-            except BaseException as error:
-                message = error
-            while not self._closed:
-                with suppress(queue.Full):
-                    self.arrived.put(message, timeout=_LOOK)
-                    break
-            if isinstance(message, BaseException):
-                return
-
-
-@final
 @dataclass(frozen=True)
 class Cluster:
     """A scheduler with its workers, ours of this machine where they are `local`, and our client of it."""
@@ -400,22 +374,13 @@ def _client(distributed: Any, address: str) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep the loggers of Dask off the terminal, also those that are made meanwhile."""
-    loggers = [logging.getLogger(name) for name in _LOGGERS]
-    known = [one for one in list(logging.root.manager.loggerDict.values()) if isinstance(one, logging.Logger)]
-    silenced = [one for one in known if one.name.partition(".")[0] in _LOGGERS and not one.disabled]
-    handlers = [handler for logger in loggers for handler in logger.handlers]
-    for logger in silenced:
-        logger.disabled = True
-    for handler in handlers:
-        handler.addFilter(_NOTHING)
+    """Keep what Dask logs off the terminal."""
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
     try:
         yield
     finally:
-        for logger in silenced:
-            logger.disabled = False
-        for handler in handlers:
-            handler.removeFilter(_NOTHING)
+        logging.disable(before)
 
 
 @final

@@ -30,7 +30,6 @@ from calibench.bench.workers.carrier import Job, Notice, Packs, do_pack, too_lat
 
 _LOOK = 0.25  # seconds between two looks at who is still there
 _FOLDER = "printed"
-_MOST = 16 * 1024 * 1024  # bytes a worker keeps: after the run that goes beyond, nothing more is
 _SIGN = b"-- printed by "
 _LINE = 4096  # bytes from the end that hold the last line, where it is a signature
 _STDOUT = 1  # the number of the file that every process writes its output to
@@ -158,7 +157,6 @@ class Printed:
         if lines and not lines[-1].startswith(_SIGN):  # of a process before this one
             os.write(self._file, b"\n-- printed by a run whose process ended\n")
         self._size = os.fstat(self._file).st_size
-        self._full = False
         os.dup2(self._file, _STDOUT)
         sys.stdout = open(  # noqa: SIM115 (it lasts as long as the process)
             _STDOUT, "w", buffering=1, encoding="utf-8", errors="backslashreplace", closefd=False
@@ -166,17 +164,11 @@ class Printed:
 
     def sign(self, row: RunRow) -> None:
         flush_output()
-        if self._full or os.fstat(self._file).st_size == self._size:
+        if os.fstat(self._file).st_size == self._size:
             return
         whose = f"run {row.run_id}, {row.optimizer} on {row.problem}, repetition {row.repetition}"
         os.write(self._file, _SIGN + f"{whose}\n".encode())
         self._size = os.fstat(self._file).st_size
-        if self._size > _MOST:
-            os.write(self._file, b"-- what this worker's later runs print is left out\n")
-            self._full = True
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, _STDOUT)
-            os.close(nowhere)
 
 
 def printed_files(folder: Path) -> set[Path]:

@@ -513,7 +513,7 @@ def test_a_joint_is_named_by_columns_and_its_unit_by_units(here, calibrate):
 
 def test_how_well_a_distance_is_known_needs_a_distance_and_a_size(here, calibrate):
     assert "state distance= too" in calibrate("data=plate", "sigma_distance=0.01", code=2)
-    assert "above 0, is needed" in calibrate("data=plate", "distance=50", "sigma_distance=0", code=2)
+    assert "above 0 is needed: sockets: how well" in calibrate("data=plate", "distance=50", "sigma_distance=0", code=2)
 
 
 @pytest.mark.slow

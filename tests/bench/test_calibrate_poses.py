@@ -96,8 +96,8 @@ def test_the_noise_of_readings_to_come_changes_nothing_of_those_that_are_measure
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["plan.n=4", "plan.sigma_rotation=0"], "plan.sigma_rotation=0: the noise of a reading [rad], above 0"),
-        (["plan.n=0"], "from 1 to 200 poses are needed"),
+        (["plan.n=4", "plan.sigma_rotation=0"], "a number above 0 is needed: noise of their rotations (0.0005) [RAD]"),
+        (["plan.n=0"], "from 1 to 200 is needed"),
         ([], "plan.n= is missing: how many poses to propose"),
         (["plan.n=4", "plan.to=nowhere/poses.csv"], "there is no folder nowhere"),
         (["plan.n=4", "plan.m=3"], "unknown argument 'plan.m'"),

@@ -84,7 +84,7 @@ def site(tmp_path_factory):
 
     file = folder / "scheduler.json"
     scheduler = start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(file))
-    wait_for(file.exists)
+    wait_for(lambda: file.exists() and file.read_text())
     address = json.loads(file.read_text())["address"]
 
     def worker(threads=1, path=ROOT):

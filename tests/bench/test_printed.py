@@ -119,15 +119,6 @@ def test_what_a_killed_run_printed_is_not_signed_by_the_next():
     assert len(ResultStore("results/adhoc").runs()) == 3
 
 
-def test_a_worker_that_prints_without_end_is_cut_off_after_a_run(capfd, monkeypatch):
-    monkeypatch.setattr(processes, "_MOST", 100)
-    assert _bench(*RUN, "seeds=3") == 0
-    assert "step" not in capfd.readouterr().out
-    [text] = _texts()
-    assert text.count("step 19") == 1
-    assert text.endswith("-- what this worker's later runs print is left out\n")
-
-
 def test_what_a_problem_prints_as_its_cost_is_measured_is_not_on_the_terminal(capfd):
     says = "print('a value', flush=True)\n        ctypes.CDLL(None).puts(b'of C')\n        return float(np.sum("
     Path("loud.py").write_text(

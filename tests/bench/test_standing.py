@@ -176,7 +176,7 @@ def test_a_change_of_this_process_is_one_of_the_next_run(rig: str, tmp_path: Pat
     assert figure(after, "pid") != figure(before, "pid")
 
 
-def test_memory_grows_with_what_a_run_needs(rig: str) -> None:
+def test_memory_is_there_for_few_parameters_and_many(rig: str) -> None:
     few, many = make(rig, n=3), make(rig, n=2500)
     assert (few.status, few.row["dimension"], many.status, many.row["dimension"]) == ("ok", 3, "ok", 2500)
     again, cut = make(rig, n=3), make(rig, "call", "leave", n=2500)

@@ -21,7 +21,7 @@ DECLARED = {
     "paper": [verbs.PaperWords],
     "choose": [verbs.ChooseWords],
     "compare": [verbs.CompareWords],
-    "show": [verbs.ShowWords],
+    "show": [verbs.TrackingWords],
     "history": [verbs.HistoryWords],
     "run": [verbs.TunerWords],
 }

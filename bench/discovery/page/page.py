@@ -249,23 +249,9 @@ def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], kind: str, right
     return Table([Head(head, "n" if head in right else "") for head in heads], rows, kind, blocks=True)
 
 
-@final
-@dataclass(frozen=True)
-class Limits:
-    """What went untested, a line a reason; what is `hidden` from any calibration; the smallest size `seen` of all.
-
-    `shortest` tells the shortest waves that were looked for.
-    """
-
-    untested: Sequence[str]
-    hidden: Table
-    seen: Table
-    shortest: str = ""
-    hardly: str = f"{100 * _HARDLY:.0f} %"
-
-
-def limits(report: Report) -> Limits:
-    """Return the section of the page: not testable, invisible (fully or nearly), and the smallest size seen of all."""
+def limits(report: Report) -> dict[str, Any]:
+    """Return the section of the page: what went `untested`, a line a reason; what is `hidden` from any calibration,
+    fully or nearly; the smallest size `seen` of all; the `shortest` waves that were looked for."""
 
     def sizes(items: Sequence[Candidate | Invisible]) -> Table:
         rows = [
@@ -282,12 +268,12 @@ def limits(report: Report) -> Limits:
     invisible = {(item.family, item.target) for item in report.invisible}
     candidates = sorted(report.candidates, key=lambda c: (c.family, c.target))
     hardly = [c for c in candidates if c.visible_fraction < _HARDLY and (c.family, c.target) not in invisible]
-    return Limits(
-        untested=untested_lines(report.machine, report.not_testable),
-        hidden=sizes([*report.invisible, *hardly]),
-        seen=sizes([c for c in candidates if isfinite(c.minimum_detectable)]),
-        shortest=words.shortest_words(report),
-    )
+    return {
+        "untested": untested_lines(report.machine, report.not_testable),
+        "hidden": sizes([*report.invisible, *hardly]),
+        "seen": sizes([c for c in candidates if isfinite(c.minimum_detectable)]),
+        "shortest": words.shortest_words(report), "hardly": f"{100 * _HARDLY:.0f} %",
+    }  # fmt: skip
 
 
 def untested_lines(machine: str, items: Sequence[Untestable]) -> list[str]:
