@@ -2,8 +2,7 @@
 
 All random numbers of a generation are drawn at once, half a word each. A trial is made in one pass over its row, four
 components at a time, and rows with a component outside the box are listed on the way, to be drawn anew afterwards: in a
-search that has settled there are none. The loop's driver calls once a generation, with few arrays, as an array takes
-60 ns to be handed over.
+search that has settled there are none.
 """
 
 import numpy as np
@@ -19,18 +18,6 @@ def initialize(size: int, lower: Array, upper: Array, state: State) -> Array:
     """Return a uniform random population, shape (size, dim)."""
     drawn = singles(state, size * len(lower)).reshape(size, -1)
     return np.minimum(lower + drawn * (upper - lower), upper)
-
-
-@njit()
-def advance(room: Array, values: Array, trial_values: Array, f: float, cr: float, state: State) -> None:
-    """Select between the members and their trials, and propose the next trials.
-
-    `room`, shape (2 size + 2, dim), holds the population, the trials, and both bounds.
-    """
-    size = values.shape[0]
-    population, trial = room[:size], room[size : 2 * size]
-    select(population, values, trial, trial_values)
-    propose(population, f, cr, room[2 * size], room[2 * size + 1], state, trial)
 
 
 @njit()

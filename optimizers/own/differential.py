@@ -40,16 +40,14 @@ class DifferentialEvolution:
         from calibench.optimizers.own import _differential_kernels as step
         from calibench.optimizers.own._random_kernels import random_state
 
-        state, lower, upper = random_state(rng), objective.lower, objective.upper
-        size = self.population
-        room = np.empty((2 * size + 2, objective.dimension))
-        population, trial, room[-2], room[-1] = room[:size], room[size:-2], lower, upper
-        population[:] = step.initialize(size, lower, upper, state)
-        values = np.array(objective.batch(population))
-        step.propose(population, self.F, self.CR, room[-2], room[-1], state, trial)
+        state, box = random_state(rng), np.array([objective.lower, objective.upper])
+        lower, upper = box
+        population = step.initialize(self.population, lower, upper, state)
+        values, trial = np.array(objective.batch(population)), np.empty_like(population)
         while True:
+            step.propose(population, self.F, self.CR, lower, upper, state, trial)
             trial_values = objective.batch_below(trial, values) if self.early_abandon else objective.batch(trial)
-            step.advance(room, values, trial_values, self.F, self.CR, state)
+            step.select(population, values, trial, trial_values)
 
     def compile(self) -> None:
         rehearse(replace(self, population=4))

@@ -4,6 +4,7 @@ Each stands in a file of its own, so that a change of one changes the digest of 
 """
 
 from contextlib import suppress
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,8 +20,9 @@ def population_traits(population: int) -> Traits:
     return Traits(stochastic=True, uses_start=False, minimum_budget=population, needs_finite_bounds=True, batches=True)
 
 
+@cache
 def rehearse(optimizer: Optimizer) -> None:
-    """Run some batches of zeros on the unit square."""
+    """Run some batches of zeros on the unit square, once in a process: a user's class is built anew for every run."""
     # with the types of a run, as numba compiles anew for as little as a read-only array
     lower, upper = np.zeros(2), np.ones(2)
     for bounds in (lower, upper):

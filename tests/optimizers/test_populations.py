@@ -101,6 +101,13 @@ def test_values_that_are_not_finite_do_not_stop_a_run(name, options):
     assert run.row["non_finite"] > 0
 
 
+def test_a_second_run_of_a_users_class_is_not_compiled_for_again(monkeypatch):
+    method, begun = optimizers.make("de", F=0.123), []
+    monkeypatch.setattr(type(method), "minimize", lambda *_: begun.append(1))
+    method.compile(), optimizers.make("de", F=0.123).compile()
+    assert begun == [1]
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
 @pytest.mark.parametrize("name", OWN)
