@@ -31,7 +31,7 @@ from calibench.calibration.normal import normal_blocks, root_of
 from calibench.calibration.poses import foretold, ranges
 from calibench.calibration.readings import Readings, Table, joints_beside, poses_of
 from calibench.calibration.rigid import Array, Index, Mask, rpy_of
-from calibench.calibration.start import DOUBTFUL, HowRead
+from calibench.calibration.start import DOUBTFUL, HowRead, mistake_in
 from calibench.calibration.walk import torques
 from calibench.core.notes import Code, DataError, Note, once
 from calibench.core.plain import finite
@@ -315,7 +315,7 @@ def calibrate_arm(
         if why:
             for note in _motions(fits["geometry"], readings.where(train)):
                 raise DataError(note.text, note)
-            raise DataError(f"{why}{joints_beside(readings, model.chain)}")
+            raise DataError(f"{why}{mistake_in(readings, chain)}{joints_beside(readings, model.chain)}")
     except DataError as error:
         raise arm.refusal(error, table, how) from None
 
@@ -406,7 +406,7 @@ def _error(level: str, errors: HeldOut, known: Mask, poses: Index, distance: flo
     there = position[np.isfinite(position)]
     return Error(
         level=level, rms=fitting.rms(position),
-        ci95=fitting.rms_interval(position, poses, errors.alone, errors.shared, errors.ahead, numbers),
+        ci95=fitting.rms_interval(position, poses, errors.alone, errors.shared, numbers),
         median=float(np.median(there)), largest=float(there.max()),
         rotation=nan if errors.rotation is None else fitting.rms(np.where(known, errors.rotation, np.nan)),
         spans=fitting.rms(errors.spans - distance) if len(errors.spans) and distance else nan,

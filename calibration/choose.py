@@ -13,14 +13,15 @@ from typing import final
 import numpy as np
 
 from calibench.calibration.determined import information_of
-from calibench.calibration.fit import Fit, HeldOut, folds_of, judge, refit
+from calibench.calibration.fit import Fit, HeldOut, folds_of, judge, noise_of, refit
 from calibench.calibration.model import WITHIN
-from calibench.calibration.normal import normal_blocks, whitening_of
+from calibench.calibration.normal import Blocks, normal_blocks, whitening_of
 from calibench.calibration.rigid import Array, Index
 
 FOLDS = 20  # with a twentieth of the poses each: fits to the others are nearly the fit to all
 TOLERANCES = (WITHIN, 2.0, 0.5, 0.1)  # mm, mrad; the first is hardly one
 _ALL = 1.0 - 1e-6  # of what is known of a direction: that much comes of one fold
+_ROUNDS, _BENT = 12, 1e-2  # at most, and the part of what is left that a step may miss its forecast by
 _TINY = 1e-12  # of a column's square: two directions that neither readings nor maker know
 
 
@@ -64,7 +65,8 @@ def choose(fits: Mapping[str, Fit], levels: Sequence[str], common: Fit) -> Choic
         without = [_best(others, f).without[f] for f in range(int(fold.max()) + 1)]
         alone, shared, ahead = _moments(written[one], fold)
         judged = judge(written[one].model, fold, without)
-        unseen[one] = replace(judged, alone=alone, shared=shared, ahead=ahead)
+        turned = None if judged.rotation is None else ahead * judged.rotation
+        unseen[one] = replace(judged, position=ahead * judged.position, rotation=turned, alone=alone, shared=shared)
     return Choice(level, written, unseen, int(fold.max()) + 1)
 
 
@@ -86,19 +88,22 @@ def _best(candidates: Sequence[_Candidate], without: int | None) -> _Candidate:
 def _moments(fit: Fit, fold: Index) -> tuple[float, float, float]:
     """Return the variance of the mean square left out, over 2 / count: as each differs, and as fits share poses;
 
-    and the mean square that the fit to all has at other poses, over it.
+    and the rms that the fit to all has at other poses, over that left out: it has more readings than fits without a
+    fold, which matters where a dozen poses tell the numbers barely.
 
     Of noise with covariance 1 a fold f has errors with I + J_f C_f J_f', two folds with J_f C_f P C_g J_g', where P is
     the information of all poses and of the maker, and C_f the inverse of it without f. Squares of these covariances are
     summed where P is 1. To first order the second is J_f C J_g' of a fit to the other folds: so it is the variance of
     the fit's own mean square at other poses, too. Another pose would have the errors of a fold that is left out beside
-    these K: of what is known of a direction K + 1 folds have each K / (K + 1) of the share that they have of K.
+    these K: of what is known of a direction K + 1 folds have each K / (K + 1) of the share that they have of K. Where
+    hardly a reading is to spare that is too little: normal rows leave it k / (n - k - 1) of the noise of n readings and
+    k numbers, no surer than n - k - 1 readings tell.
     """
     sums = normal_blocks(fit.model, fit.p, fit.kept, fit.weights, fold)
     whole = sums.sum()
     count = float(whole.count[0])
-    noise = float(whole.square[0]) / max(count - len(fit.kept), 1.0)
-    way = whitening_of(whole.gram[0] + np.diag(noise * information_of(fit.model)[fit.kept]))
+    known = information_of(fit.model)[fit.kept]
+    way = whitening_of(whole.gram[0] + np.diag(noise_of(whole, known) * known))
     values, vectors = np.linalg.eigh(way @ sums.gram @ way.T)
     values = np.clip(values, 0.0, _ALL)
     left = values / (1.0 - values)
@@ -106,41 +111,67 @@ def _moments(fit: Fit, fold: Index) -> tuple[float, float, float]:
     mean = 1.0 + left.sum() / count
     folds = len(sums.gram)
     other = 1.0 + (values / (1.0 + 1.0 / folds - values)).sum() / count
+    spare = max(count - values.sum() - 1.0, 1.0)
+    other = min(max(other, 1.0 + values.sum() / spare), mean)
     alone = 1.0 + (2 * left + left**2).sum() / count
     shared = ((pairs.sum(axis=0) ** 2).sum() - (pairs**2).sum()) / count
-    return float(alone / mean**2), float(shared / mean**2), float(other / mean)
+    shared = max(shared / mean**2, (1.0 - 1.0 / other) ** 2 * count / spare)
+    return float(alone / mean**2), float(shared), float(np.sqrt(other / mean))
 
 
 def _candidates(level: str, fit: Fit, common: Fit, fold: Index) -> list[_Candidate]:
-    """Return the candidates of one level: tolerances of the maker's numbers, by steps from the level's `fit`."""
-    kept, count = fit.kept, int(fold.max()) + 1
-    model = replace(fit.model, sigma=common.model.sigma, scatter=common.model.scatter)
-    blocks = normal_blocks(model, fit.p, kept, common.weights, fold)
-    gram, slope, square, whole = blocks.gram, blocks.slope, blocks.square, blocks.sum()
-    off = (fit.p - model.wanted)[kept]
-    step = _solved(whole.gram, whole.slope, information_of(model)[kept], off)[0]
-    left = whole.square[0] + 2 * step @ whole.slope[0] + step @ whole.gram[0] @ step
-    noise = max(left, 0.0) / max(whole.count[0] - len(kept), 1.0)  # in squares of the common one
-    model = replace(model, sigma=(model.sigma[0] * np.sqrt(noise), model.sigma[1] * np.sqrt(noise)))
+    """Return the candidates of one level: tolerances of the maker's numbers, each by steps from its own fit."""
+    kept, count, found = fit.kept, int(fold.max()) + 1, []
     one, other = np.triu_indices(count)
     again = (one != other).astype(float)[:, None]  # a fold by itself is left out once
-    grams = whole.gram - gram[one] - again[:, :, None] * gram[other]
-    slopes = whole.slope - slope[one] - again * slope[other]
-    found = []
+    model = replace(fit.model, sigma=common.model.sigma, scatter=common.model.scatter)
+    at = (fit.p, normal_blocks(model, fit.p, kept, common.weights, fold))
     for tolerance in TOLERANCES[:1] if level == "frames" else TOLERANCES:
-        within = replace(model, tolerance=tolerance)
+        model = replace(model, tolerance=tolerance)
+        known, (p, blocks) = information_of(model)[kept], at
+        for _ in range(_ROUNDS):
+            off, whole = (p - model.wanted)[kept], blocks.sum()
+            step, noise, left = _of_all(whole, known, off)
+            tried = p.copy()
+            tried[kept] += step
+            over, far = model.residuals(tried, common.weights)
+            square = float(common.weights @ (over**2).sum(axis=1) + far @ far)
+            if abs(square - left) <= _BENT * left:
+                break
+            p, blocks = tried, normal_blocks(model, tried, kept, common.weights, fold)
+        grams = whole.gram - blocks.gram[one] - again[:, :, None] * blocks.gram[other]
+        slopes = whole.slope - blocks.slope[one] - again * blocks.slope[other]
         steps = np.empty((count, count, len(kept)))
-        steps[one, other] = steps[other, one] = _solved(grams, slopes, noise * information_of(within)[kept], off)
-        squares = square + 2 * np.einsum("fhk,hk->fh", steps, slope)
-        squares += np.einsum("fhk,hkl,fhl->fh", steps, gram, steps, optimize=True)
-        without = np.tile(fit.p, (count, 1))
+        steps[one, other] = steps[other, one] = _solved(grams, slopes, noise * known, off)
+        squares = blocks.square + 2 * np.einsum("fhk,hk->fh", steps, blocks.slope)
+        squares += np.einsum("fhk,hkl,fhl->fh", steps, blocks.gram, steps, optimize=True)
+        without = np.tile(p, (count, 1))
         without[:, kept] += steps[np.arange(count), np.arange(count)]
-        found.append(_Candidate(level, replace(fit, model=within, wild=common.wild), without, squares))
+        sigma = (model.sigma[0] * np.sqrt(noise), model.sigma[1] * np.sqrt(noise))
+        within = replace(fit, model=replace(model, sigma=sigma), p=p, wild=common.wild)
+        found.append(_Candidate(level, within, without, squares))
     return found
+
+
+def _of_all(whole: Blocks, known: Array, off: Array) -> tuple[Array, float, float]:
+    """Return the step (k,) of all poses, the noise, and the squares that the step leaves, of the common noise.
+
+    From more noise on: with as many numbers as readings, none is a solution, too.
+    """
+    undone = np.where(known > 0, -off, 0.0)
+    noise = float(whole.square[0] + 2 * undone @ whole.slope[0] + undone @ whole.gram[0] @ undone) / whole.count[0]
+    for _ in range(_ROUNDS):
+        step = _solved(whole.gram, whole.slope, noise * known, off)[0]
+        left = whole.square + 2 * step @ whole.slope[0] + step @ whole.gram[0] @ step
+        before, noise = noise, noise_of(replace(whole, square=left), known, noise)
+        if abs(noise - before) < _BENT * noise:
+            break
+    return step, noise, max(float(left[0]), 0.0)
 
 
 def _solved(gram: Array, slope: Array, information: Array, off: Array) -> Array:
     """Return the steps (b, k) of normal equations (b, k, k), (b, k), `information` wanting all `off` (k,) undone."""
     scale = np.sqrt(np.einsum("bkk->bk", gram).max(axis=0) + information) + np.finfo(float).tiny
-    scaled = (gram + np.diag(information)) / np.outer(scale, scale) + _TINY * np.eye(len(scale))
+    information = information + _TINY * scale**2
+    scaled = (gram + np.diag(information)) / np.outer(scale, scale)
     return np.asarray(np.linalg.solve(scaled, -((slope + information * off) / scale)[..., None])[..., 0] / scale)

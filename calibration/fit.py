@@ -14,7 +14,7 @@ from scipy.special import chdtri, fdtri
 
 from calibench.calibration.determined import WORST, information_of, is_length, select_determined
 from calibench.calibration.model import ArmModel
-from calibench.calibration.normal import covariance_of, descend, normal_blocks, solve
+from calibench.calibration.normal import Blocks, covariance_of, descend, normal_blocks, solve
 from calibench.calibration.readings import poses_of
 from calibench.calibration.rigid import Array, Index, Mask
 from calibench.core.words import plain
@@ -22,6 +22,7 @@ from calibench.core.words import plain
 _ROUNDS, _SAME = 8, 0.02  # until the noise that is left changes by less
 _WILD = 6.0  # times the median error: a reading beyond is wild; noise alone has one in 10^9 poses
 _FLOOR, _NONE = 1e-9, 1e-12
+_FEW = 1e-3  # of a reading
 _KNOWN = 30.0
 _SPARE = 1.5  # times the numbers of a fit: so many readings tell which of them are wild
 _MOST, _MOST_IN_SOCKETS = 0.35, 0.2  # part of the readings that may be wild; more than that is no accident
@@ -111,9 +112,20 @@ def refit(fit: Fit, p: Array | None = None) -> Fit:
     model, kept, weights = fit.model, fit.kept, fit.weights
     p = _adjust(model, fit.p if p is None else p, kept, weights, soft=False, begin=fit.p)
     sums = normal_blocks(model, p, kept, weights)
-    noise = max(float(sums.square[0]) / max(1.0, float(sums.count[0]) - len(kept)), _FLOOR**2)
-    covariance = noise * covariance_of(sums.gram[0] + np.diag(noise * information_of(model)[kept]))
+    known = information_of(model)[kept]
+    noise = noise_of(sums, known)
+    covariance = noise * covariance_of(sums.gram[0] + np.diag(noise * known))
     return replace(fit, p=p, covariance=covariance)
+
+
+def noise_of(sums: Blocks, known: Array, noise: float = 1.0) -> float:
+    """Return what is left of one group over what its numbers did not take up, in squares of the stated noise.
+
+    Numbers count less that are `known` before, by a `noise` of about this size: so there is a noise where there are as
+    many numbers as readings, too (MacKay 1992).
+    """
+    taken = len(known) - float(noise * known @ np.diag(covariance_of(sums.gram[0] + np.diag(noise * known))))
+    return max(float(sums.square[0]) / max(float(sums.count[0]) - taken, _FEW), _NONE)
 
 
 def norms(errors: tuple[Array, Array | None]) -> Array:
@@ -166,8 +178,7 @@ class HeldOut:
     """Errors of poses not fitted, `position` [mm] and `rotation` [rad], NaN for others; `spans` [mm] of two sockets.
 
     `alone` and `shared` make the variance of their mean square, in units of that of noise: as each error differs from
-    others, and as their fits have readings in common; `ahead` is the mean square at other poses of the fit to all,
-    which has more readings than theirs, over it.
+    others, and as their fits have readings in common.
     """
 
     position: Array
@@ -175,7 +186,6 @@ class HeldOut:
     spans: Array
     alone: float = 1.0
     shared: float = 0.0
-    ahead: float = 1.0
 
 
 def folds_of(model: ArmModel, most: int) -> Index:
@@ -273,7 +283,7 @@ def rms(errors: Array) -> float:
 
 
 def rms_interval(
-    errors: Array, poses: Index, alone: float = 1.0, shared: float = 0.0, ahead: float = 1.0, numbers: float = 3.0
+    errors: Array, poses: Index, alone: float = 1.0, shared: float = 0.0, numbers: float = 3.0
 ) -> tuple[float, float]:
     """Return the 95 % interval of the rms at other poses, by errors (n,) of poses not fitted, which `poses` numbers.
 
@@ -292,5 +302,5 @@ def rms_interval(
         return 0.0, 0.0
     own = max(float(means.var(ddof=1)) / len(means) / mean**2, 2 * alone / (numbers * there.sum()))
     common = own * shared / alone
-    low, high = np.sqrt(ahead * mean * fdtri(2 / max(common, _NONE), 2 / (own + common), [0.025, 0.975]))
+    low, high = np.sqrt(mean * fdtri(2 / max(common, _NONE), 2 / (own + common), [0.025, 0.975]))
     return float(low), float(high)

@@ -144,11 +144,14 @@ class Placed:
     apart: float
 
 
-def place(poses: Array, read: Array, loci: Loci, frames: tuple[Array, Array] | None = None) -> Placed:
+def place(
+    poses: Array, read: Array, loci: Loci, frames: tuple[Array, Array] | None = None, followed: int = _KEPT
+) -> Placed:
     """Return where base, target and fixtures are by nominal `poses` (n, 4, 4) and what was `read`, in mm.
 
     For a target on the tip each fixture and each axis is linear; three numbers are left, the target's, for which some
-    starts are tried. `frames` are known base and tool. Raises `ValueError` for too few readings of a fixture.
+    starts are tried, and the best `followed`. `frames` are known base and tool. Raises `ValueError` for too few
+    readings of a fixture.
     """
     for k, one in enumerate(loci.fixtures):
         if (count := int((loci.fixture == k).sum())) < _LEAST:
@@ -167,7 +170,7 @@ def place(poses: Array, read: Array, loci: Loci, frames: tuple[Array, Array] | N
         return _solve(at(target), read, loci, near).off[near].ravel()
 
     sides = np.array(np.meshgrid(*[[-_OUT, 0.0, _OUT]] * 3)).reshape(3, -1).T
-    starts = sorted(sides, key=lambda side: _solve(at(side), read, loci, near).apart)[:_KEPT]
+    starts = sorted(sides, key=lambda side: _solve(at(side), read, loci, near).apart)[:followed]
     best = min(
         (least_squares(rest, start, loss="soft_l1", f_scale=1.0, x_scale=_OUT) for start in starts),
         key=lambda found: found.cost,
@@ -175,7 +178,8 @@ def place(poses: Array, read: Array, loci: Loci, frames: tuple[Array, Array] | N
     for _ in range(_ROUNDS):
         left = np.linalg.norm(_solve(at(best), read, loci, near).off, axis=1)
         before, near = near, left <= max(_FAR * float(np.median(left)), 1e-6)
-        if np.array_equal(near, before):
+        if np.array_equal(near, before) or not set(loci.fixture.tolist()) <= set(loci.fixture[near].tolist()):
+            near = before
             break
         best = least_squares(rest, best, x_scale=_OUT).x
     made = _solve(at(best), read, loci, near)

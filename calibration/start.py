@@ -150,7 +150,7 @@ def _of_loci(readings: Readings, chain: Chain, limits: bool) -> Start:
         return UNITS[known.get(column, unit if column in open_ else "mm")]
 
     poses = forward(chain, nominal(chain), readings.joints)
-    reach = float(np.sqrt(((poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)) ** 2).sum(axis=1).mean()))
+    reach = _reach(poses)
     found: list[tuple[float, str, Readings, Placed]] = []
     for unit in UNITS if open_ else ("mm",):
         axes = [scale(readings.matched.position[a], unit) if a in readings.matched.position else 1.0 for a in POSITION]
@@ -169,15 +169,12 @@ def _of_loci(readings: Readings, chain: Chain, limits: bool) -> Start:
         if placed.apart < DOUBTFUL * reach:
             break
     apart, unit, readings, placed = min(found, key=lambda one: one[0])
-    readings = _within_limits(readings, chain, limits)
     if apart > APART * reach:
         assert readings.position is not None
         assert readings.loci is not None
-        text = (
-            f"readings of {readings.loci.words(readings.position)} and nominal arm lie {plain(apart, 3)} mm apart, "
-            f"wherever base, target and fixtures are: is this the {chain.source} of the arm, and are the units right?"
-        )
-        raise DataError(text, Note(Code.OTHER_ARM, text))
+        text = f"readings of {readings.loci.words(readings.position)} and nominal arm lie {plain(apart, 3)} mm apart"
+        raise _misfit(readings, chain, f"{text}, wherever base, target and fixtures are", limits)
+    readings = _within_limits(readings, chain, limits)
     if open_:
         how = "no unit is stated; it fits" if len(open_) == 1 else "no unit is stated; they fit"
         readings = readings.with_note(Code.UNIT_FOUND, f"{', '.join(open_)}: {how} the arm in {unit}", open_, unit=unit)
@@ -252,21 +249,10 @@ def _in_mm(
 
 def _misfit(readings: Readings, chain: Chain, apart: str, limits: bool) -> DataError:
     """Return the refusal of readings that do not fit the arm, with the mistake that explains them where one does."""
-    for trials in _trials(readings, chain):
-        results = []
-        for trial in trials:
-            poses = forward(chain, nominal(chain), trial.joints)
-            if trial.readings.position is None:
-                _, far, most = apart_in_sockets(poses, trial.readings.socket)
-                results.append((far, far < 0.5 * most, trial))
-            else:
-                frames = solve.frames_of_positions(poses, trial.readings.position)
-                fits = unit_of(frames) is not None and frames.apart < 0.5 * (APART * frames.reach)
-                results.append((frames.apart, fits, trial))
-        far, fits, trial = min(results, key=lambda one: one[0])
-        if fits:
-            text = f"{apart}, and {plain(far, 2)} mm {trial.text}"
-            return DataError(text, Note(trial.code, text, trial.columns, values=trial.values))
+    if found := _cured(readings, chain):
+        far, trial = found
+        text = f"{apart}, and {plain(far, 2)} mm {trial.text}"
+        return DataError(text, Note(trial.code, text, trial.columns, values=trial.values))
     if limits:
         _within_limits(readings, chain, strict=True)  # a better reason than none
     still = [name for k, name in enumerate(chain.driven) if not np.ptp(readings.joints[:, k]) > 0]
@@ -279,6 +265,41 @@ def _misfit(readings: Readings, chain: Chain, apart: str, limits: bool) -> DataE
     text = f"{apart}: is this the {chain.source} of the arm, {_CHOICE[chain.source]}, and {rows}?"
     text += joints_beside(readings, chain)
     return DataError(text, Note(Code.OTHER_ARM, text))
+
+
+def mistake_in(readings: Readings, chain: Chain) -> str:
+    """Return, for the end of a refusal, the mistake without which these readings fit the nominal arm; "" for none."""
+    now = _apart(Trial(Code.OTHER_ARM, "", readings.joints, readings), chain)[0]
+    found = _cured(readings, chain, _BETTER * now)
+    return f"; they lie {plain(now, 3)} mm apart, and {plain(found[0], 2)} mm {found[1].text}" if found else ""
+
+
+def _cured(readings: Readings, chain: Chain, most: float = inf) -> "tuple[float, Trial] | None":
+    """Return the mistake without which the readings fit the arm, to `most` mm, and how well; None where none is."""
+    for trials in _trials(readings, chain):
+        results = [(*_apart(trial, chain), trial) for trial in trials]
+        far, fits, trial = min(results, key=lambda one: one[0])
+        if fits and far < most:
+            return far, trial
+    return None
+
+
+def _apart(trial: "Trial", chain: Chain) -> tuple[float, bool]:
+    """Return how far readings and nominal arm lie apart without a mistake [mm], and whether they fit so."""
+    poses, readings = forward(chain, nominal(chain), trial.joints), trial.readings
+    if readings.position is None:
+        _, far, most = apart_in_sockets(poses, readings.socket)
+        return far, far < 0.5 * most
+    if readings.loci is not None:
+        far = place(poses, readings.position, readings.loci, followed=1).apart
+        return far, far < 0.5 * APART * _reach(poses)
+    frames = solve.frames_of_positions(poses, readings.position)
+    return frames.apart, unit_of(frames) is not None and frames.apart < 0.5 * (APART * frames.reach)
+
+
+def _reach(poses: Array) -> float:
+    """Return how far from their middle the tips of poses (n, 4, 4) are, rms [mm]."""
+    return float(np.sqrt(((poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def _within_limits(readings: Readings, chain: Chain, strict: bool) -> Readings:
@@ -388,7 +409,7 @@ def rotations_of(angles: Array, order: str) -> Array:
 
 
 UNITS = {"mm": 1.0, "m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
-_RAILS = (  # what a rail is really in, and what it was taken for
+_MIXED = (  # what a rail or an axis is really in, and what it was taken for
     ("m", "mm"), ("mm", "m"), ("cm", "mm"), ("mm", "cm"), ("inch", "mm"), ("mm", "inch"), ("m", "cm"), ("cm", "m"),
 )  # fmt: skip
 NEAR = 0.2  # part of a unit: few poses of an arm that is not calibrated tell it no better
@@ -420,12 +441,13 @@ def unit_of(frames: Frames) -> str | None:
 def apart_in_sockets(poses: Array, socket: Index) -> tuple[Array, float, float]:
     """Return the ball (3,) on the last link, how far it is from its sockets, and how far it may be [mm]."""
     ball, _, apart = solve.ball_in_sockets(poses, socket)
-    reach = float(np.sqrt(((poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)) ** 2).sum(axis=1).mean()))
-    return ball, apart, max(APART * reach, _LEAST_APART)
+    return ball, apart, max(APART * _reach(poses), _LEAST_APART)
 
 
 def _trials(readings: Readings, chain: Chain) -> Iterator[Sequence[Trial]]:
     """Yield what is tried, in groups: of a group the best is taken, and a group comes before the later ones."""
+    if readings.loci is not None:  # a start of these is a search
+        readings = readings.where(np.unique(np.linspace(0, len(readings) - 1, _SCANNED).astype(int)))
     columns, joints, n = readings.matched.joints, readings.joints, len(readings)
     turning = [k for k, name in enumerate(chain.driven) if name not in readings.sliding]
     sliding = [k for k, name in enumerate(chain.driven) if name in readings.sliding]
@@ -436,12 +458,12 @@ def _trials(readings: Readings, chain: Chain) -> Iterator[Sequence[Trial]]:
             really = {"deg": "degrees", "rad": "rad, and not in degrees as the file states"}[unit]
             text = f"with joints in {really}: {as_units(angles, unit)}"
             yield [Trial(Code.JOINT_UNIT, text, _scaled(joints, turning, factor), readings, angles, {"unit": unit})]
-    for unit, taken in _RAILS if rails else ():
+    for unit, taken in _MIXED if rails else ():
         text = f"with {', '.join(rails)} in {unit}: {as_units(rails, unit)}"
         scaled = _scaled(joints, sliding, UNITS[unit] / UNITS[taken])
         yield [Trial(Code.JOINT_UNIT, text, scaled, readings, rails, {"unit": unit})]
 
-    if readings.position is not None:
+    if readings.position is not None and readings.loci is None:
         for lag, where in ((1, "below"), (-1, "above")):
             kept = readings.where(np.arange(n) != (0 if lag > 0 else n - 1))
             text = f"if the readings of each row's joints stand in the row {where}"
@@ -458,7 +480,7 @@ def _trials(readings: Readings, chain: Chain) -> Iterator[Sequence[Trial]]:
         text = f"if joint {name} {'slides' if slides else 'turns'} the other way than in the {chain.source}: {cure}"
         reversed_ = _scaled(joints, [k], -1.0)
         of_joints.append(Trial(Code.JOINT_REVERSED, text, reversed_, readings, (column,), {"joint": name}))
-        if slides:
+        if slides or readings.loci is not None:
             continue
         degrees = _zero_of(readings, chain, k)
         text = f"if {degrees:g}° are added to joint {name}: its zero is not that of the {chain.source}"
@@ -479,13 +501,14 @@ def _trials(readings: Readings, chain: Chain) -> Iterator[Sequence[Trial]]:
     if readings.position is None:
         return
     of_coordinates = []
-    for k, (axis, column) in enumerate(readings.matched.position.items()):
-        for unit, other in (("m", "mm"), ("mm", "m"), ("inch", "mm"), ("mm", "inch")):
-            position = _scaled(readings.position, [k], UNITS[unit] / UNITS[other])
+    for axis, column in readings.matched.position.items():
+        for unit, other in _MIXED:
+            position = _scaled(readings.position, [POSITION.index(axis)], UNITS[unit] / UNITS[other])
             text = f"if {column} is in {unit} where the others are in {other}: units={column}:{unit}"
             changed, values = replace(readings, position=position), {"axis": axis, "unit": unit}
             of_coordinates.append(Trial(Code.POSITION_UNIT, text, joints, changed, (column,), values))
-    yield of_coordinates
+    if of_coordinates:
+        yield of_coordinates
 
 
 def _scaled(values: Array, columns: Sequence[int], factor: float) -> Array:

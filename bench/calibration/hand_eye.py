@@ -3,7 +3,7 @@
 Files of other tools are read too: samples of MoveIt and easy_handeye (YAML or JSON), arrays of OpenCV (npz,
 FileStorage), and CSV rows that begin with hand and eye in turn. Whatever the file, it comes down to one list of poses
 for the flange and one for the board, each pose 7 numbers (x y z, x y z w), 16 of a matrix by rows, or a translation and
-a rotation.
+a rotation. Of two files each may have one side, in the order of the other or with a time.
 """
 
 import csv
@@ -91,23 +91,34 @@ def read_hand_eye(words: Sequence[str]) -> HandEyeRequest:
 
 def read_poses(named: str, units: Mapping[str, str]) -> Table:
     """Return the table of poses in ``data=named``; of two with a time each, the rows of both. Raises `DataError`."""
-    stated = {"units": units} if units else {}
     sources = named.split(",")
     samples = read_samples(Path(named).expanduser(), units)
     if samples is not None:
         return samples
+    stated = {"units": units} if units else {}
     if len(sources) != 2:
         return read_table(named, stated)
-    both = [read_table(source, {}) for source in sources]
-    if any(not any(is_time(name) for name in one.columns) for one in both):
+    sampled = [read_samples(Path(source).expanduser(), {}, part=True) for source in sources]
+    both = [read_table(source, {}) if one is None else one for source, one in zip(sources, sampled, strict=True)]
+    timed = all(any(is_time(name) for name in one.columns) for one in both)
+    if not timed and sampled == [None, None]:
         return read_table(named, stated)
     lost = next((name for name in units if not any(name in one.columns for one in both)), None)
     if lost is not None:
         raise DataError(f"units: {lost} is no column of {' or '.join(sources)}")
-    both = [
-        read_table(source, {"units": {name: unit for name, unit in units.items() if name in one.columns}})
-        for source, one in zip(sources, both, strict=True)
-    ]
+    for k, source in enumerate(sources):
+        own = {name: unit for name, unit in units.items() if name in both[k].columns}
+        of_samples = read_samples(Path(source).expanduser(), own, part=True)
+        both[k] = read_table(source, {"units": own}) if of_samples is None else of_samples
+    first, second = both
+    if not timed:
+        if len(first) != len(second):
+            counts = " and ".join(f"{source} has {len(one)}" for source, one in zip(sources, both, strict=True))
+            raise DataError(f"poses of two files are joined in their order, or by a time in each, and {counts}")
+        return replace(
+            first, columns={**second.columns, **first.columns}, units={**second.units, **first.units},
+            name=f"{first.name}_{second.name}", notes=once([*first.notes, *second.notes]),
+        )  # fmt: skip
     times = [next(name for name in one.columns if is_time(name)) for one in both]
     parts = []
     for one, time in zip(both, times, strict=True):  # the columns of numbers, that of time by one name in both
@@ -154,6 +165,7 @@ _NAMES = {  # of one side's poses: the side, whether they are the other way roun
     "robot": ("flange", False, "m"), "tracking": ("board", False, "m"), "optical": ("board", False, "m"),
     "hand_world_samples": ("flange", False, "m"), "camera_marker_samples": ("board", False, "m"),  # easy_handeye
     "gripper2base": ("flange", False, ""), "base2gripper": ("flange", True, ""),  # OpenCV
+    "rvec tvec": ("board", False, ""), "rvecs tvecs": ("board", False, ""),
     "target2cam": ("board", False, ""), "cam2target": ("board", True, ""), "world2cam": ("board", False, ""),
     "hand": ("flange", False, ""), "eye": ("board", False, ""),
 }  # fmt: skip
@@ -161,10 +173,10 @@ _AXES = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _OFF = 1e-2  # by which a rotation's matrix may differ from one, in three digits
 
 
-def read_samples(path: Path, units: Mapping[str, str]) -> Table | None:
+def read_samples(path: Path, units: Mapping[str, str], part: bool = False) -> Table | None:
     """Return the pairs of poses in a file of another tool in the stated `units`; None where it is a table.
 
-    Raises `DataError`, in one line.
+    A `part` may have the poses of one side alone. Raises `DataError`, in one line.
     """
     kind = path.suffix.lower()
     reader = {".yaml": _yaml, ".yml": _yaml, ".json": _json, ".npz": _arrays, ".csv": _rows, ".txt": _rows}.get(kind)
@@ -174,12 +186,12 @@ def read_samples(path: Path, units: Mapping[str, str]) -> Table | None:
         content = reader(path)
         if content is None:
             return None
-        sides = _sides(content)
+        content = _by_name(content)
+        sides = _sides(content, part)
         # places and quaternions of both, in metres where the tool that wrote them has metres
-        columns: dict[str, Any] = {}
+        columns: dict[str, Any] = {name: _numbers(name, content[name]).ravel() for name in content if is_time(name)}
         own: dict[str, str] = {}
-        for side in ("flange", "board"):
-            called, poses = sides[side]
+        for side, (called, poses) in sides.items():
             turns = poses[:, :3, :3]
             off = np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)).reshape(-1, 9).max(axis=1, initial=0.0)
             wrong = np.flatnonzero(~((off < _OFF) & (np.linalg.det(turns) > 0)))
@@ -191,7 +203,8 @@ def read_samples(path: Path, units: Mapping[str, str]) -> Table | None:
             columns |= {f"{side}_{axis}": column for axis, column in zip(_AXES, numbers.T, strict=True)}
             unit = _NAMES[called][2]
             own |= {f"{side}_{axis}": unit for axis in "xyz" if unit}
-        text = f"{sides['flange'][0]} is the flange in the base, {sides['board'][0]} the board in the camera"
+        meant = {"flange": "the flange in the base", "board": "the board in the camera"}
+        text = ", ".join(f"{called} is {meant[side]}" for side, (called, _) in sides.items())
         table = table_of(columns, units={**own, **units}, name=path.stem)
         return replace(table, notes=(*table.notes, Note(Code.FILE, text)))
     except OSError as error:
@@ -265,8 +278,8 @@ def _rows(path: Path) -> dict[str, Any] | None:
     return found
 
 
-def _sides(content: Any) -> dict[str, tuple[str, Array]]:
-    """Return the name and the poses (n, 4, 4) of flange and board in what a file holds."""
+def _by_name(content: Any) -> Mapping[str, Any]:
+    """Return lists by name of what a file holds: of samples, each with the same names, a list for each of them."""
     if isinstance(content, Mapping) and isinstance(content.get("samples"), list | Mapping):
         content = content["samples"]
     if isinstance(content, list) and content and all(isinstance(one, Mapping) for one in content):
@@ -277,20 +290,23 @@ def _sides(content: Any) -> dict[str, tuple[str, Array]]:
                     f"sample {k} has {', '.join(map(str, one)) or 'nothing'}, and the first {', '.join(first)}"
                 )
         content = {name: [one[name] for one in content] for name in first}
-    if not isinstance(content, Mapping):
-        content = {}
+    return {str(name): one for name, one in content.items()} if isinstance(content, Mapping) else {}
+
+
+def _sides(content: Mapping[str, Any], part: bool) -> dict[str, tuple[str, Array]]:
+    """Return the name and the poses (n, 4, 4) of flange and board in what a file holds; a `part` may lack one."""
     sides: dict[str, tuple[str, Array]] = {}
     for name, (side, inverted, _) in _NAMES.items():
         poses = None
         if name in content:
             poses = _poses(name, content[name])
-        elif f"R_{name}" in content and f"t_{name}" in content:
+        elif set(parts := name.split() if " " in name else [f"R_{name}", f"t_{name}"]) <= set(content):
             # of OpenCV: rotations, matrices or vectors, beside translations
-            turned, placed = (_numbers(f"{of}_{name}", content[f"{of}_{name}"]) for of in "Rt")
+            turned, placed = (_numbers(one, content[one]) for one in parts)
             n, by_vector = len(placed), turned.size == 3 * len(placed)
             if placed.size != 3 * n or turned.size not in (3 * n, 9 * n):
                 raise ValueError(
-                    f"R_{name} and t_{name} are {turned.shape} and {placed.shape}; (n, 3, 3) and (n, 3) are read"
+                    f"{' and '.join(parts)} are {turned.shape} and {placed.shape}; (n, 3, 3) and (n, 3) are read"
                 )
             poses = np.tile(np.eye(4), (n, 1, 1))
             turns = Rotation.from_rotvec(turned.reshape(n, 3)).as_matrix() if by_vector else turned.reshape(n, 3, 3)
@@ -300,7 +316,7 @@ def _sides(content: Any) -> dict[str, tuple[str, Array]]:
                 raise ValueError(f"both {sides[side][0]} and {name} are the poses of the {side}; leave one out")
             sides[side] = name, np.asarray(inverse(poses)) if inverted else poses
     for side in ("flange", "board"):
-        if side not in sides:
+        if side not in sides and not (part and sides):
             named = [name for name, (of, *_) in _NAMES.items() if of == side]
             there = ", ".join(map(str, list(content)[:8])) or "nothing"
             raise ValueError(f"has no poses of the {side} ({', '.join(named)}; R_ and t_ of OpenCV), but {there}")

@@ -23,6 +23,10 @@ def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> Path:
             file.flush()
             os.fsync(file.fileno())
         os.replace(temporary, path)
+    except OSError as error:  # a write that fails, of a file too large, names none
+        if error.errno and not error.filename:
+            error.filename = str(path)
+        raise
     finally:
         with suppress(OSError):  # that of a folder which can no longer be written hides why
             temporary.unlink(missing_ok=True)

@@ -7,6 +7,7 @@ from io import StringIO
 import numpy as np
 import pytest
 
+from calibench.bench.calibration.hand_eye import read_poses
 from calibench.bench.cli import main
 from tests.bench.hand_eye_by_hand import columns_of, measured, quaternion_of, vector_of, write
 
@@ -138,6 +139,40 @@ def test_each_file_gives_what_the_table_of_the_same_pairs_gives(bench, table, tm
         for key in ("matrix", "position_se", "turn_se"):
             assert np.allclose(found[frame][key], table[frame][key], rtol=1e-5, atol=1e-6)
     assert any("the flange in the base" in note["text"] for note in found["notes"])
+
+
+def opencv_seen(folder, times=False):
+    """Write the flange as a table, and the board in another file, as solvePnP of OpenCV has it: rvec, tvec."""
+    samples = [{"image": f"{k}.png", "rvec": list(vector_of(one[:3, :3])), "tvec": one[:3, 3:].tolist()}
+               for k, one in enumerate(B)]  # fmt: skip
+    parts = [columns_of(FLANGE, "flange")]
+    if times:
+        samples = [one | {"time": float(k)} for k, one in enumerate(samples)]
+        parts.append((["time"], np.arange(12.0)))
+    (folder / "seen.json").write_text(json.dumps(samples))
+    write(folder / "robot.csv", *parts)
+
+
+@pytest.mark.parametrize("words", ["robot.csv,seen.json", "seen.json,robot.csv"])
+def test_the_board_in_a_file_of_opencv_joins_the_robot_s_table_in_its_order(bench, table, tmp_path, words):
+    opencv_seen(tmp_path)
+    found = bench(f"data={words}", "units=board_x:m,board_y:m,board_z:m", "--json")
+    for frame in ("camera", "board"):
+        assert np.allclose(found[frame]["matrix"], table[frame]["matrix"], rtol=1e-5, atol=1e-6)
+
+
+def test_the_board_in_a_file_of_opencv_with_times_joins_by_time(tmp_path):
+    opencv_seen(tmp_path, times=True)
+    both = read_poses(f"{tmp_path}/robot.csv,{tmp_path}/seen.json", {})
+    assert len(both) == 24
+    assert np.isnan(both.columns["board_x"]).sum() == np.isnan(both.columns["flange_x"]).sum() == 12
+
+
+def test_two_files_of_unlike_length_say_how_many_each_has(bench, tmp_path):
+    opencv_seen(tmp_path)
+    some = json.loads((tmp_path / "seen.json").read_text())[:-1]
+    (tmp_path / "seen.json").write_text(json.dumps(some))
+    assert "robot.csv has 12 and seen.json has 11" in bench("data=robot.csv,seen.json", code=2)
 
 
 def test_arrays_without_a_unit_are_refused_with_what_to_state(bench, tmp_path):

@@ -1,5 +1,6 @@
 """Results on disk: whole or not at all, collected the same whoever finished first, never lost."""
 
+import errno
 import json
 import os
 import platform
@@ -358,6 +359,15 @@ def test_a_write_that_fails_leaves_the_file_as_it_was(tmp_path):
         write_whole(path, fail)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_too_large_to_write_is_named(tmp_path):
+    def fail(_):
+        raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
+
+    with pytest.raises(OSError, match="large") as failed:
+        write_whole(tmp_path / "file", fail)
+    assert failed.value.filename == str(tmp_path / "file")
 
 
 def test_forgotten_runs_are_gone_everywhere(store, runs):

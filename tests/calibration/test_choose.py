@@ -10,7 +10,7 @@ from benchmarks.arms import honest
 from calibench import calibrate
 from calibench.calibration.choose import FOLDS, TOLERANCES, _candidates, _moments, choose
 from calibench.calibration.determined import information_of, order_of
-from calibench.calibration.fit import fit_arm, folds_of, refit, rms_interval
+from calibench.calibration.fit import fit_arm, folds_of, noise_of, refit, rms_interval
 from calibench.calibration.model import model_of
 from calibench.calibration.normal import normal_blocks
 from calibench.calibration.readings import read_readings, table_of
@@ -39,6 +39,15 @@ def test_an_arm_far_off_its_nominal_one_is_calibrated_by_few_poses(tmp_path: Pat
     answer = honest.calibrated(chain, q, seen, tmp_path)
     assert answer.after.rms < 0.1
     assert answer.before.rms > 20
+
+
+@pytest.mark.parametrize(("case", "most"), [((15, 4603, 10, "wide", 0.1), 3.0), ((24, 4612, 12, "wide", 3.0), 1.5)])
+def test_what_a_dozen_poses_tell_is_the_error_of_the_file_and_not_of_fits_to_fewer(case, most, tmp_path: Path) -> None:
+    """The first arm has more numbers than readings."""
+    found = honest.measure(case, tmp_path, beside=False)
+    true = np.hypot(found["ours"], np.sqrt(3) * honest.NOISE)
+    assert true / most < found["told"] < most * true
+    assert found["low"] < true < found["high"]
 
 
 @pytest.fixture
@@ -123,7 +132,8 @@ def _left_out(fit, fold):
     rows, _ = fit.model.jacobian(fit.p, fit.kept, fit.weights)
     n, k = len(rows), len(fit.kept)
     sums = normal_blocks(fit.model, fit.p, fit.kept, fit.weights)
-    maker = np.sqrt(sums.square[0] / (3 * n - k) * information_of(fit.model)[fit.kept])
+    known = information_of(fit.model)[fit.kept]
+    maker = np.sqrt(noise_of(sums, known) * known)
     all_rows = np.concatenate([rows.reshape(-1, k), np.diag(maker)])
     left = np.eye(3 * n, 3 * n + k).reshape(n, 3, -1)
     for f in np.unique(fold):
@@ -148,9 +158,10 @@ def test_the_interval_of_few_poses_covers_the_error_at_others(fits) -> None:
         fit = refit(fits(24, seed=seed)["geometry"])
         left, own = _left_out(fit, fold := folds_of(fit.model, FOLDS))
         elsewhere = replace(fit.model, joints=rng.uniform(-2.4, 2.4, (300, 6)))
-        others, moments = elsewhere.slopes(fit.p, fit.kept)[:, :3] / fit.model.sigma[0], _moments(fit, fold)
+        others = elsewhere.slopes(fit.p, fit.kept)[:, :3] / fit.model.sigma[0]
+        alone, shared, ahead = _moments(fit, fold)
         for noise in rng.normal(size=(150, left.shape[2])):
-            told = rms_interval(np.linalg.norm(left @ noise, axis=1), np.arange(24), *moments)
+            told = rms_interval(ahead * np.linalg.norm(left @ noise, axis=1), np.arange(24), alone, shared)
             true = np.sqrt(3 + ((others @ (own @ noise)) ** 2).sum(axis=1).mean())
             covered.append(told[0] <= true <= told[1])
     assert 0.93 <= np.mean(covered) <= 0.97
@@ -164,7 +175,7 @@ def test_other_poses_have_less_than_those_of_a_fold_whose_fit_has_fewer(fits) ->
         elsewhere = replace(fit.model, joints=rng.uniform(-2.4, 2.4, (300, 6)))
         others = elsewhere.slopes(fit.p, fit.kept)[:, :3] / fit.model.sigma[0]
         true.append((3 + ((others @ own) ** 2).sum() / 300) / ((left**2).sum() / 24))
-        told.append(_moments(fit, fold)[2])
+        told.append(_moments(fit, fold)[2] ** 2)
     assert np.mean(told) == pytest.approx(np.mean(true), abs=0.02)
     assert np.mean(told) < 0.975
 
