@@ -7,7 +7,7 @@ characters; a table holds no text that is not Unicode.
 import json
 import re
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from html import escape
 from typing import TextIO
 
@@ -91,6 +91,13 @@ def counted(n: int, what: str) -> str:
 def listed(names: Sequence[str], most: int) -> str:
     """Return names one after another, of a long list the first `most` and how many more there are."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def as_sentence(text: str, names: Collection[str] = ()) -> str:
+    """Return a remark as a sentence: a stop last, and a capital where it opens with a word that is none of `names`."""
+    first = text.partition(" ")[0]
+    begins = text[:1].upper() if first.isalpha() and first not in names else text[:1]
+    return f"{begins}{text[1:]}{'' if text.endswith(('.', '?')) else '.'}"
 
 
 def plain(value: float, digits: int = 3, sign: str = "") -> str:

@@ -22,7 +22,7 @@ from calibench.bench.store.atomic_file import write_whole
 from calibench.calibration.calibrate import Calibration, OverJoint, Part
 from calibench.calibration.poses import Design
 from calibench.calibration.rigid import Index
-from calibench.core.words import plain
+from calibench.core.words import as_sentence, plain
 
 _TEMPLATE = "calibration/templates/calibration.html.j2"
 _MOST_WILD = 50
@@ -59,13 +59,13 @@ def write_page(answer: Calibration, folder: Path) -> Path:
     turned = f", {plain(1e3 * answer.scatter[1], 3)} mrad" if answer.observed == "pose" else ""
     page = render(
         _TEMPLATE, title=f"{answer.case}: how true is the arm, and what is it off by?", described=answer.source,
-        better=answer.chosen != "frames", headline=_sentence(headline(answer)),
-        said=[_sentence(said) for said in sentences(answer)], levels=_table(heads, level_rows(answer), heads[1:]),
+        better=answer.chosen != "frames", headline=as_sentence(headline(answer)),
+        said=[as_sentence(said) for said in sentences(answer)], levels=_table(heads, level_rows(answer), heads[1:]),
         changes=_table(("joint", "what", "changed by", "95 %"), rows_of_changes(answer), ("changed by", "95 %")),
         badly=badly, tolerance=plain(answer.tolerance, 2), undetermined=undetermined,
         regions=_parts(answer.regions), by_joint=_parts(answer.by_joint),
         wild=_table(("reading", "error [mm]"), [[w.row, plain(w.error, 3)] for w in answer.wild[:_MOST_WILD]]),
-        frames=frames, notes=[_sentence(note.text) for note in answer.notes], files=answer.files,
+        frames=frames, notes=[as_sentence(note.text) for note in answer.notes], files=answer.files,
         facts={
             answer.source: str(answer.arm.path), "chain": f"{answer.base} to {answer.tip}: {', '.join(answer.joints)}",
             "read": answer.observed if answer.camera is None else "the board's pose in the camera",
@@ -77,12 +77,6 @@ def write_page(answer: Calibration, folder: Path) -> Path:
         drawings=drawings,
     )  # fmt: skip
     return write_whole(folder / "report.html", lambda file: file.write(page.encode()))
-
-
-def _sentence(text: str) -> str:
-    """Return a remark with a full stop, and a capital where it opens with a word: a column or a file keeps its name."""
-    plain = text.partition(" ")[0].isalpha()
-    return f"{text[:1].upper() if plain else text[:1]}{text[1:]}."
 
 
 def _parts(parts: tuple[Part, ...]) -> Table:

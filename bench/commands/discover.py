@@ -14,7 +14,7 @@ from calibench.bench.discovery.batch import Designed, designed, read_discover, s
 from calibench.bench.discovery.page import words as wording
 from calibench.bench.discovery.page.page import smallest, untested_lines
 from calibench.bench.words import split_flags
-from calibench.core.words import plain, print_plain as print
+from calibench.core.words import as_sentence, plain, print_plain as print
 from calibench.discrepancy.labels import effect_label
 
 _LISTED = 10  # names of a class that are printed
@@ -36,7 +36,7 @@ def discover(argv: list[str]) -> int:
             lines.append(f"  failed: {record.error}")
         else:
             found = (wording.headline(report), *wording.unnamed_sentences(report), wording.gap_sentence(report))
-            sizes = map(wording.as_sentence, wording.notes_among(report.notes, wording.SIZES))
+            sizes = map(as_sentence, wording.notes_among(report.notes, wording.SIZES))
             lines += [f"  {note}" for note in wording.notes_among(report.notes, wording.FIRST)]
             doubts = (*wording.across_sentences(report), *wording.doubt_sentences(report))
             lines += [f"  {line}" for line in (*found, *doubts, *sizes)]

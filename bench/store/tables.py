@@ -1,9 +1,9 @@
 """The two tables of a study, ``runs.parquet`` and ``traces.parquet``: read with care, written whole, sealed.
 
-Read is only what this store wrote for this study; anything else is refused, and left alone. The tables are replaced one
-after the other; a kill in between leaves them unlike, which the mark that both hold tells. A seal is a digest of all
-bytes before the footer, kept in the footer, so that an edit with whatever tool is noticed. It guards against accidents,
-not against who forges it.
+Read is only what this store wrote for this study; anything else is refused, named by row and column where a value is
+one that no run can have (`bench.store.damage`), and left alone. The tables are replaced one after the other; a kill in
+between leaves them unlike, which the mark that both hold tells. A seal is a digest of all bytes before the footer, kept
+in the footer, so that an edit with whatever tool is noticed. It guards against accidents, not against who forges it.
 """
 
 import json
@@ -23,6 +23,7 @@ from calibench.bench.provenance.environment import provenance
 from calibench.bench.store.arrays import RUNS_SCHEMA, TRACES_SCHEMA, cast_table, compute, empty_table, in_schema
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
+from calibench.core.words import shortened
 
 RUNS, TRACES, HITS = "runs.parquet", "traces.parquet", "hits.parquet"
 _SCHEMAS = {RUNS: RUNS_SCHEMA, TRACES: TRACES_SCHEMA}
@@ -121,9 +122,18 @@ class Tables:
         place = self.folder.absolute()
         if _CHECKED.get(place) != state:
             changed = [each for each in files if not is_whole(self.folder / each)]
-            if changed:
-                self._check(self._content(RUNS, files.get(RUNS)))
-                raise StoreError(f"{self.folder / changed[0]}: was changed after bench wrote it; {_LEFT}")
+            if changed:  # say what is wrong in a table that is not as it was written
+                rows, traces = (self._content(each, files.get(each)) for each in _SCHEMAS)
+                self._check(rows)
+                from calibench.bench.store.damage import first_damage  # of no use for tables that are whole
+
+                damage = first_damage(rows, traces)
+                if damage is None:
+                    raise StoreError(f"{self.folder / changed[0]}: was changed after bench wrote it; {_LEFT}")
+                where = f"row {damage.row} (run {damage.run}), column {damage.column}"
+                value = shortened(json.dumps(damage.value, default=str))
+                path = self.folder / (TRACES if damage.in_traces else RUNS)
+                raise StoreError(f"{path}: {where}: {value} {damage.rule}; {_LEFT}")
             _CHECKED[place] = state
         return parquet_file(self.folder / name, _TEXTS[name]) if coded and name in files else files.get(name)
 

@@ -20,16 +20,10 @@ from calibench.bench.discovery.page.figures import (
     where_map,
 )
 from calibench.bench.discovery.page.page import Page
-from calibench.bench.discovery.page.words import (
-    as_sentence,
-    chance_sentence,
-    gap_sentence,
-    headline,
-    moved_sentence,
-    next_sentences,
-)
+from calibench.bench.discovery.page.words import chance_sentence, gap_sentence, headline, moved_sentence, next_sentences
 from calibench.bench.report.shared.page import inline_svg
 from calibench.core.notes import Code, Note
+from calibench.core.words import as_sentence
 from calibench.discrepancy.model.machine import Correction
 from calibench.discrepancy.report import Place, Report
 

@@ -21,7 +21,7 @@ from calibench.bench.report.shared.drawing import save
 from calibench.bench.report.shared.page import Head, Table, inline_svg, macros, render
 from calibench.bench.store.atomic_file import write_whole
 from calibench.core.notes import Note, once
-from calibench.core.words import plain
+from calibench.core.words import as_sentence, plain
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, quantity_of
 from calibench.discrepancy.model.effect import Untestable
@@ -70,7 +70,7 @@ class Page:
     correction: Correction | None = None
 
     def html(self) -> str:
-        report, as_sentence = self.report, words.as_sentence
+        report = self.report
         mark, word = _MARKS[report.verdict]
         moved = any(p.before != p.after for p in report.parameters.values())
         strongest = min((place.p for place in report.where if isfinite(place.p)), default=1.0)

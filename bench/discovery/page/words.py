@@ -248,13 +248,6 @@ def notes_among(notes: Iterable[Note], codes: Collection[Code]) -> list[str]:
     return [note.text for note in notes if note.code in codes]
 
 
-def as_sentence(text: str, names: Collection[str] = ()) -> str:
-    """Return a remark as a sentence: a stop last, and a capital where it opens with a word that is none of `names`."""
-    first = text.partition(" ")[0]
-    begins = text[:1].upper() if first.isalpha() and first not in names else text[:1]
-    return f"{begins}{text[1:]}{'' if text.endswith(('.', '?')) else '.'}"
-
-
 def noise_words(report: Report) -> str:
     """Return the words for the noise of a reading: stated, or estimated from the data."""
     return "the noise" if any(note.code in NOISE_UNSTATED for note in report.notes) else "the stated noise"
