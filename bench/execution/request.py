@@ -76,7 +76,7 @@ def read_asked(
     targets = [*pair.targets]
     if target is not None and target not in targets:
         targets.append(target)
-    return Asked(pair, budget, repetition, label, first, target, targets, inner, replay)
+    return Asked(pair, budget, repetition, label, first, target, targets, inner=inner, replay=replay)
 
 
 _MADE: dict[str, Pair] = {}

@@ -6,7 +6,9 @@ import io
 import json
 import os
 import re
+import struct
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ import pytest
 from scipy.io import savemat
 
 from calibench.bench.cli import main
-from calibench.bench.measured import read_measured, shipped_path, write_measured
+from calibench.bench.measured import files as matlab_table, read_measured, shipped_path, write_measured
 from calibench.core.tables import csv_table, data_file
 from calibench.discrepancy import DataError
 
@@ -148,6 +150,44 @@ def test_what_is_no_matlab_file_is_one_line(content, said, tmp_path):
     path.write_bytes(content)
     with pytest.raises(DataError, match=said) as caught:
         read_measured(path, "two_link")
+    assert "\n" not in str(caught.value)
+
+
+def element(kind, content):
+    return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+
+def array(of, shape, inside):
+    """Return an array of MATLAB's class `of` (1 cell, 6 double) without a name, whose content may not fit its shape."""
+    return element(
+        14, element(6, struct.pack("<II", of, 0)) + element(5, struct.pack(f"<{len(shape)}i", *shape)) + inside
+    )
+
+
+def cells(deep):
+    made = b""
+    for _ in range(deep):
+        made = array(1, (1, 1), made)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("inside", "said"),
+    [
+        (lambda: array(6, (4, 1), element(9, bytes(32)) * 5_300_000), "unpacks to more than 200 MB"),
+        (lambda: cells(3000), "has arrays more than 10 deep in each other"),
+        (lambda: array(1, (1, 1), array(1, (2_000_000_000, 1), b"")), "has 2000000000 numbers, and at most"),
+        (lambda: array(6, (-4, 1), element(9, bytes(32))), r"has an array of the shape \[-4, 1\], which is none"),
+        (lambda: array(6, (1,) * 100, element(9, bytes(8))), "which is none"),
+    ],
+)
+def test_what_matlab_packed_is_looked_at_before_it_is_read(inside, said, tmp_path, monkeypatch):
+    monkeypatch.setattr(matlab_table, "loadmat", None)
+    squeezed = zlib.compress(inside(), level=1)
+    path = tmp_path / "run.mat"
+    path.write_bytes(b"MATLAB 5.0".ljust(124) + b"\0\1IM" + struct.pack("<II", 15, len(squeezed)) + squeezed)
+    with pytest.raises(DataError, match=said) as caught:
+        read_measured(path, "gpm2002")
     assert "\n" not in str(caught.value)
 
 
