@@ -457,18 +457,14 @@ def _notes(
             cure = "were they misread, or do they lie at one range of a joint, whose error they are?"
         text = f"the {subject} in no error above, with {them} the error after is {plain(with_them, 3)} mm; {cure}"
         yield Note(Code.WILD_UNCOUNTED, text, values={"readings": count, "error_mm": with_them})
-    if np.isfinite(without_gains) and chosen == "elastic":
+    if np.isfinite(without_gains):
+        what, how = "joint scales", "times (1 + its scale), and divide a joint's command by (1 + its scale)"
+        if chosen == "elastic":
+            what, how = "compliances", "less compliance times torque, and add that to a joint's command"
         yield Note(
             Code.GAINS_ELSEWHERE,
-            f"compliances have no place in a {source}: give it each joint's reading less compliance times torque, and "
-            f"add that to a joint's command; without them what is written leaves {plain(without_gains, 3)} mm",
-            values={"error_mm": without_gains},
-        )
-    elif np.isfinite(without_gains):
-        yield Note(
-            Code.GAINS_ELSEWHERE,
-            f"joint scales have no place in a {source}: give it each joint's reading times (1 + its scale), and divide "
-            f"a joint's command by (1 + its scale); without them what is written leaves {plain(without_gains, 3)} mm",
+            f"{what} have no place in a {source}: give it each joint's reading {how}; without them what is written "
+            f"leaves {plain(without_gains, 3)} mm",
             values={"error_mm": without_gains},
         )
     if model.position is None and not model.distance:

@@ -111,8 +111,9 @@ def _moments(fit: Fit, fold: Index) -> tuple[float, float, float]:
     mean = 1.0 + left.sum() / count
     folds = len(sums.gram)
     other = 1.0 + (values / (1.0 + 1.0 / folds - values)).sum() / count
-    spare = max(count - values.sum() - 1.0, 1.0)
-    other = min(max(other, 1.0 + values.sum() / spare), mean)
+    spare = count - values.sum() - 1.0
+    other = min(max(other, 1.0 + values.sum() / max(spare, 1.0)), mean) if spare > 0 else mean  # no noise is known
+    spare = max(spare, 1.0)
     alone = 1.0 + (2 * left + left**2).sum() / count
     shared = ((pairs.sum(axis=0) ** 2).sum() - (pairs**2).sum()) / count
     shared = max(shared / mean**2, (1.0 - 1.0 / other) ** 2 * count / spare)

@@ -302,5 +302,6 @@ def rms_interval(
         return 0.0, 0.0
     own = max(float(means.var(ddof=1)) / len(means) / mean**2, 2 * alone / (numbers * there.sum()))
     common = own * shared / alone
-    low, high = np.sqrt(mean * fdtri(2 / max(common, _NONE), 2 / (own + common), [0.025, 0.975]))
+    freedom = max(2 / max(common, _NONE), 1.0), max(2 / (own + common), 1.0)  # of one reading at the least
+    low, high = np.sqrt(mean * fdtri(*freedom, [0.025, 0.975]))
     return float(low), float(high)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from math import nan
 from typing import Any, final
 
@@ -145,17 +144,17 @@ def frame_of(parent: str, child: str, pose: Array, spread: Callable[[Array], tup
 
 def frames_of(adjustment: Adjustment, mounting: str) -> tuple[Frame, Frame]:
     """Return the camera's frame, and the board's: on the flange and in the base, or the other way round."""
+
+    def of(by: Array) -> Callable[[Array], tuple[Array, Array]]:
+        return lambda numbers: spread(adjustment, numbers @ by)
+
     parents = ("flange", "base") if mounting == "eye_in_hand" else ("base", "flange")
     poses, slopes = (np.asarray(inverse(adjustment.mount)), adjustment.tool), slopes_of(adjustment)
     camera, board = (
-        frame_of(parent, child, pose, partial(_spread_by, adjustment, by))
+        frame_of(parent, child, pose, of(by))
         for parent, child, pose, by in zip(parents, ("camera", "board"), poses, slopes, strict=True)
     )
     return camera, board
-
-
-def _spread_by(adjustment: Adjustment, by: Array, numbers: Array) -> tuple[Array, Array]:
-    return spread(adjustment, numbers @ by)
 
 
 def slopes_of(adjustment: Adjustment) -> Array:
@@ -198,13 +197,15 @@ def scale_of(adjustment: Adjustment, stated: tuple[float, float] = (0.0, 0.0)) -
     if "scale" not in one.free:
         free = (*one.free, "scale")
         one = adjust(one.sight, one.mount, one.tool, stated, near=~one.wild, free=free, offset=one.offset)
-    slope = np.zeros((1, 12 + len(one.free)))
-    slope[0, 12 + one.free.index("scale")] = 1.0
-    se, freedom = (float(value[0]) for value in errors_of(one, slope))
+    se, freedom = (float(value[0]) for value in errors_of(one, _slope_of(one, "scale")))
     if freedom < _SPARE:
         return None
     limit = max(se, 1e-9) * float(_student(1 - _CHANCE / 2, np.array(freedom)))
     return Scale(one.scale, max(se, 1e-9), bool(abs(one.scale - 1) > limit))
+
+
+def _slope_of(adjustment: Adjustment, name: str) -> Array:
+    return np.eye(12 + len(adjustment.free))[[12 + adjustment.free.index(name)]]
 
 
 LEAST = 3  # poses: two motions about different axes
@@ -372,9 +373,7 @@ def _of_clock(adjustment: Adjustment) -> dict[str, Any]:
     """Return the offset of the camera's clock [s] with its standard error and 95 % interval, where it was fitted."""
     if "offset" not in adjustment.free:
         return {}
-    slope = np.zeros((1, 12 + len(adjustment.free)))
-    slope[0, 12 + adjustment.free.index("offset")] = 1.0
-    se, half = (float(one[0]) for one in spread(adjustment, slope))
+    se, half = (float(one[0]) for one in spread(adjustment, _slope_of(adjustment, "offset")))
     value = adjustment.offset
     return {"offset": value, "offset_se": se, "offset_ci95": (value - half, value + half)}
 

@@ -53,7 +53,7 @@ def sentences(answer: Calibration) -> list[str]:
             f"what is written is fitted to the other {answer.fitted} alone; the errors are of the rows held back"
         )
     elif answer.chosen != "frames":
-        lines.append(f"what is written is fitted to all {answer.poses}; errors are of fits without the poses left out")
+        lines.append(f"what is written is fitted to all {answer.poses}; errors of poses left out are scaled to it")
     if answer.changes:
         few = [one.parameter for one in answer.undetermined if isfinite(one.known_to)]
         rest = f"{len(answer.undetermined) - len(few)} are not"

@@ -41,9 +41,12 @@ def test_an_arm_far_off_its_nominal_one_is_calibrated_by_few_poses(tmp_path: Pat
     assert answer.before.rms > 20
 
 
-@pytest.mark.parametrize(("case", "most"), [((15, 4603, 10, "wide", 0.1), 3.0), ((24, 4612, 12, "wide", 3.0), 1.5)])
+@pytest.mark.parametrize(
+    ("case", "most"),
+    [((15, 4603, 10, "wide", 0.1), 3.0), ((34, 4614, 10, "wide", 0.1), 3.0), ((24, 4612, 12, "wide", 3.0), 1.5)],
+)
 def test_what_a_dozen_poses_tell_is_the_error_of_the_file_and_not_of_fits_to_fewer(case, most, tmp_path: Path) -> None:
-    """The first arm has more numbers than readings."""
+    """The first two arms have as many numbers as readings."""
     found = honest.measure(case, tmp_path, beside=False)
     true = np.hypot(found["ours"], np.sqrt(3) * honest.NOISE)
     assert true / most < found["told"] < most * true
