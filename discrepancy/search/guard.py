@@ -22,7 +22,7 @@ from scipy.linalg.lapack import dormqr, dpstrf, dpttrf, dpttrs, dsytrd
 
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit, once, orthonormal, project_off, thinned
-from calibench.discrepancy.model.effect import Effect, name_of, whole_of
+from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of, whole_of
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
 from calibench.discrepancy.noise.whiten import Whitener
@@ -149,7 +149,8 @@ def _doubt(
 
 
 def _is_rich(effect: Effect) -> bool:
-    return len(effect.coefficients) > MOST
+    one_wave = isinstance(effect, OfFreePeriod)  # which is no function at will
+    return len(effect.coefficients) > MOST and not one_wave
 
 
 def accounts(

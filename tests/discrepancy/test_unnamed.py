@@ -105,7 +105,7 @@ def test_waves_that_are_too_short_to_be_looked_for_are_told() -> None:
     said = "Waves shorter than 98.2 mrad over hz (angle of circle) were not looked for"
     said += ": that takes readings closer together"
     assert unnamed_sentences(report)[-1] == f"{said}."
-    assert limits(report).shortest == said
+    assert limits(report)["shortest"] == said
     assert shortest_words(Report("run", "circle", "none")) == ""
 
 
