@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from calibench import optimizers, problems
 from calibench.bench.provenance.run_id import UNSEEN, chosen_options, given_options
-from calibench.bench.statistics.tables import parameters_in, problem_of
+from calibench.bench.statistics.tables import OF_THE_DATA, parameters_in, problem_of
 from calibench.bench.store.manifest import StoreError, read_notes, studies_in
 from calibench.bench.store.runs import ResultStore
 from calibench.core.registry import MissingFile, NotImported, names_of_files
@@ -142,7 +142,8 @@ def _parameters(row: Mapping[str, Any]) -> list[str]:
     errors: Mapping[str, float | None] = {}  # standard errors at the answer; None: the data do not tell it
     notes: list[str] = []
     with suppress(ValueError, AttributeError, ArithmeticError):  # somebody's own; without parameters, or a Jacobian
-        problem = problem_of(row)
+        truths = "" if any(p.true is not None for p in parameters.values()) else "true values; "
+        problem = problem_of(row, truths + OF_THE_DATA)
         parameters = {p.name: p for p in parameters_of(problem)}
         known = problems.identify(problem, np.array(row["best_x"], dtype=float))
         errors = known.to_dict()["standard_errors"]

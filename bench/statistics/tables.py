@@ -20,7 +20,7 @@ from calibench.core.registry import NotImported, names_of_files
 from calibench.problems.base import Parameter, parameters_of
 
 PrintedValues = Callable[[str, Any], Mapping[str, float]]  # of a problem's name and the problem: parameter -> value
-_OF_THE_DATA = "what its data can tell and standard errors, where it has a Jacobian"
+OF_THE_DATA = "what its data can tell and standard errors, where it has a Jacobian"
 
 _MADE: ContextVar[dict[tuple[str, str], Any] | None] = ContextVar("_MADE", default=None)
 
@@ -35,7 +35,7 @@ def problems_made_once() -> Iterator[None]:
         _MADE.reset(token)
 
 
-def problem_of(row: Mapping[str, Any] | pd.Series, leaves_out: str = _OF_THE_DATA) -> Any:
+def problem_of(row: Mapping[str, Any] | pd.Series, leaves_out: str = OF_THE_DATA) -> Any:
     """Return the problem a row was made with; `leaves_out` is what is not told without it.
 
     Raises `ValueError` where it cannot be built here: its class is somebody's own, or a file that it reads is

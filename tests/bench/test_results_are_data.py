@@ -166,6 +166,16 @@ def test_a_file_of_data_names_no_machine_that_is_imported(run_bench, sign, tmp_p
     assert not sign.exists()
 
 
+def test_a_truth_that_a_row_does_not_hold_is_told_as_left_out(run_bench, forget, tmp_path):
+    own = tmp_path / "mine.py"
+    own.write_text(own.read_text().replace('parameters, truth = ("gain", "offset"), ', "truth = "))
+    assert run_bench("run problem=mine.py:Bowl optimizer=de budget=20 seeds=1 study=s")[0] == 0
+    forget()
+    _, out, err = run_bench(f"show {ResultStore('results/s').runs()['run_id'].iloc[0]}")
+    assert "true" not in out
+    assert "Left out: true values; what its data can tell" in err
+
+
 def test_a_class_that_is_typed_is_imported_and_its_rows_are_read_without_it(run_bench, sign, forget):
     assert run_bench("run problem=mine.py:Bowl optimizer=mine.py:Half budget=20 seeds=3 study=s")[0] == 0
     assert sign.exists()
