@@ -29,7 +29,7 @@ from calibench.calibration.model import KNOWN_TO, ArmModel, model_of
 from calibench.calibration.moved import Motion, motion_from, motion_of_wild
 from calibench.calibration.normal import normal_blocks, root_of
 from calibench.calibration.poses import foretold, ranges
-from calibench.calibration.readings import Readings, Table, joints_beside, poses_of
+from calibench.calibration.readings import Readings, Table, first_of_each, joints_beside, poses_of
 from calibench.calibration.rigid import Array, Index, Mask, rpy_of
 from calibench.calibration.start import DOUBTFUL, HowRead, mistake_in
 from calibench.calibration.walk import torques
@@ -331,7 +331,7 @@ def calibrate_arm(
         folds = f"the {int(readings.hold.sum())} rows that the file holds back"
     elif model.position is None and places > 1:
         folds = f"each of {places} places left out once, in {choice.folds} groups"
-    elif different < len(readings):
+    elif len(first_of_each(readings)) < len(readings):
         folds = f"each of {different} different ones left out once with its repeats, in {choice.folds} groups"
     if not train.all():  # a row that is held back is wild as a fitted one is, but beside those that are held back
         judged = {one: fitting.judge(model, np.where(train, -1, 0), [fits[one].p]) for one in tried}

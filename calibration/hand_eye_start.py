@@ -320,35 +320,48 @@ def _sides(table: Table, ours: Mapping[str, str]) -> dict[str, Matched]:
             also = " (or camera_ for the camera in the board)" if side == "board" else ""
             raise DataError(
                 f"no pose of the {side} is found among {', '.join(table.columns)}: {side}_x, {side}_y, {side}_z and "
-                f"{side}_qx ... {side}_qw or {side}_rx ... {side}_rz are needed{also}; {_proposed(table)}"
+                f"{side}_qx ... {side}_qw or {side}_rx ... {side}_rz are needed{also}; {_proposed(table, ours)}"
             )
     if "board" in sides and "camera" in sides:
         raise DataError("the file has columns of board_ and of camera_; leave out those that are not to be read")
     for side, made in sides.items():
         for part, needed in ((made.position, "x, y and z"), (made.rotation, "rx, ry and rz, or qx, qy, qz and qw")):
             if not part:
-                raise DataError(f"the pose of the {side} lacks {side}_ with {needed}; {_proposed(table)}")
+                raise DataError(f"the pose of the {side} lacks {side}_ with {needed}; {_proposed(table, ours)}")
     return sides
 
 
-def _proposed(table: Table) -> str:
-    """Return `columns=` to copy: for all columns if there are as many as two poses have, else an example of one."""
+def _proposed(table: Table, ours: Mapping[str, str]) -> str:
+    """Return `columns=` to copy: of all columns if they are as many as two poses have, else an example of one.
+
+    Columns whose names say whose pose they are stay with it, and the others are the other pose; `ours` as in `_sides`.
+    """
     names = [name for name, column in table.columns.items() if column.dtype.kind in "iuf" and name not in _NO_POSE]
-    if not 12 <= len(names) <= 14:
-        return f"{as_columns({'flange_x': 'NAME'})} names one"
+    whose = {name: side_of(ours.get(name, name))[0] for name in names}
+    seen = "camera" if "camera" in whose.values() else "board"
+    free, flange, board = ([name for name in names if whose[name] == side] for side in ("", "flange", seen))
     half = 7 if len(names) == 14 else 6
     if len(names) == 13:
         size = np.linalg.norm([np.asarray(table.columns[name], dtype=float) for name in names[3:7]], axis=0)
         half = 7 if abs(np.nanmedian(size) - 1) < _LENGTH else 6
+    for both in ((names[:half], names[half:]), (free, board), (flange, free)):
+        kept = not {seen} & {whose[name] for name in both[0]} and not {"flange"} & {whose[name] for name in both[1]}
+        if kept and {*map(len, both)} <= {6, 7} and len(both[0] + both[1]) == len(names):
+            break
+    else:
+        return f"{as_columns({'flange_x': 'NAME'})} names one"
     called: dict[str, str] = {}
-    for side, part in (("flange", names[:half]), ("board", names[half:])):
-        last = [re.split(r"[ _.]", name.strip().lower())[-1] for name in part[3:]]
-        turns = ["rz", "ry", "rx"] if last == ["a", "b", "c"] else ["rx", "ry", "rz"]  # A B C of a KUKA: z, y, x
-        if len(last) == 4:  # by their names, or in the order of ROS
-            ends = [name[-1:] for name in last]
+    for side, part in zip(("flange", seen), both, strict=True):
+        last = [re.split(r"[ _.]", ours.get(name, name).strip().lower())[-1] for name in part]
+        turns = ["rz", "ry", "rx"] if last[3:] == ["a", "b", "c"] else ["rx", "ry", "rz"]  # A B C of a KUKA: z, y, x
+        if len(last) == 7:  # by their names, or in the order of ROS
+            ends = [name[-1:] for name in last[3:]]
             turns = [f"q{end}" for end in (ends if sorted(ends) == sorted("wxyz") else "xyzw")]
-        called |= {f"{side}_{axis}": name for axis, name in zip(("x", "y", "z", *turns), part, strict=True)}
-    return f"if the columns stand in this order, flange first: {as_columns(called)}"
+        axes = ["x", "y", "z", *turns]
+        axes = last if sorted(last) == sorted(axes) else axes
+        called |= {f"{side}_{axis}": name for axis, name in zip(axes, part, strict=True) if name != f"{side}_{axis}"}
+    first = ", flange first" if len({side_of(name)[0] for name in called}) == 2 else ""
+    return f"if the columns stand in this order{first}: {as_columns(called)}"
 
 
 _HANDFUL, _HANDFULS = 3, 200

@@ -423,16 +423,19 @@ def _check(readings: Readings, whole: Mask, chain: Chain) -> None:
     """Refuse too few poses, joints that turn further than any does, and poses in which too few joints move."""
     used, observe, hold = readings.joints[readings.train], readings.observed, readings.hold
     poses = len(used) if observe == "sockets" or not len(used) else len(np.unique(poses_of(used)))
+    arm = "machine.dh=TABLE" if chain.source == "table" else "machine.urdf=FILE"
+    design = f"bench design machine=arm {arm} plan.n=40 says which"
     least = _LEAST[observe]
-    if (loci := readings.loci) is not None and readings.position is not None:
-        each = loci.counted(readings.position)[readings.train].sum() / max(poses, 1)
+    fitted = readings.where(readings.train)
+    if fitted.loci is not None and fitted.position is not None and poses:
+        each = fitted.loci.counted(fitted.position)[first_of_each(fitted)].sum() / poses
         least = int(np.ceil(3 * least / min(max(each, 1.0), 3.0)))
     if poses < least:
         without = "" if whole.all() else f", as {int((~whole).sum())} of {len(whole)} rows are left out,"
         without += "" if hold is None else f" beside the {int(hold.sum())} that column split holds back"
         text = (
-            f"{counted(poses, 'pose')}{without} {'is' if poses == 1 else 'are'} too few: {_LEAST[observe]} at the "
-            "least, and some 40 that differ much in every joint; bench design machine=arm plan.n=40 says which"
+            f"{counted(poses, 'pose')}{without} {'is' if poses == 1 else 'are'} too few: {least} at the least, "
+            f"and some 40 that differ much in every joint; {design}"
         )
         raise DataError(text, Note(Code.FEW_POSES, text, values={"poses": poses, "least": least}))
     for k, name in enumerate(chain.driven):
@@ -449,7 +452,7 @@ def _check(readings: Readings, whole: Mask, chain: Chain) -> None:
     if observe != "sockets" and len(moves) < min(_MOVING, len(chain.driven)):
         text = (
             f"only {' and '.join(moves)} {'moves' if len(moves) == 1 else 'move'} in these poses, and base and target "
-            "are told by poses that differ in every joint; bench design machine=arm plan.n=40 says which"
+            f"are told by poses that differ in every joint; {design}"
         )
         raise DataError(text, Note(Code.JOINT_STILL, text))
 
@@ -484,6 +487,14 @@ def _whole_rows(table: Table, matched: Matched, values: Array, angles: Array | N
         text = f"{len(rows)} of {len(whole)} rows are without a value or not valid, and left out: {listed(rows, 5)}"
         notes.append(Note(Code.ROWS_LEFT_OUT, text, rows=rows, values={"rows": len(rows)}))
     return whole
+
+
+def first_of_each(readings: Readings) -> Index:
+    """Return the first reading of each target, axis or distance in each pose; all others are repeats of these."""
+    parts = [poses_of(readings.joints), readings.target]
+    parts += [] if readings.loci is None else [readings.loci.fixture]
+    parts += [] if readings.position is None else [*np.isfinite(readings.position).T]
+    return np.asarray(np.unique(np.column_stack(parts), axis=0, return_index=True)[1], dtype=np.int64)
 
 
 def poses_of(joints: Array) -> Index:

@@ -116,7 +116,7 @@ def read_poses(named: str, units: Mapping[str, str]) -> Table:
             counts = " and ".join(f"{source} has {len(one)}" for source, one in zip(sources, both, strict=True))
             raise DataError(f"poses of two files are joined in their order, or by a time in each, and {counts}")
         return replace(
-            first, columns={**second.columns, **first.columns}, units={**second.units, **first.units},
+            first, columns={**first.columns, **second.columns, **first.columns}, units={**second.units, **first.units},
             name=f"{first.name}_{second.name}", notes=once([*first.notes, *second.notes]),
         )  # fmt: skip
     times = [next(name for name in one.columns if is_time(name)) for one in both]
@@ -279,9 +279,10 @@ def _rows(path: Path) -> dict[str, Any] | None:
 
 
 def _by_name(content: Any) -> Mapping[str, Any]:
-    """Return lists by name of what a file holds: of samples, each with the same names, a list for each of them."""
-    if isinstance(content, Mapping) and isinstance(content.get("samples"), list | Mapping):
-        content = content["samples"]
+    """Return lists by name of what a file holds, one level down too: of samples with the same names, a list of each."""
+    if isinstance(content, Mapping) and not _has_poses(content):
+        within = [one for one in content.values() if _has_poses(one[0] if isinstance(one, list) and one else one)]
+        content = within[0] if len(within) == 1 else content
     if isinstance(content, list) and content and all(isinstance(one, Mapping) for one in content):
         first = content[0]
         for k, one in enumerate(content, start=1):
@@ -293,6 +294,17 @@ def _by_name(content: Any) -> Mapping[str, Any]:
     return {str(name): one for name, one in content.items()} if isinstance(content, Mapping) else {}
 
 
+def _has_poses(content: Any) -> bool:
+    """Return whether names of poses stand in `content` itself."""
+    names = set(content) if isinstance(content, Mapping) else set()
+    return any(name in names or set(_parts(name)) <= names for name in _NAMES)
+
+
+def _parts(name: str) -> list[str]:
+    """Return the names of rotations and translations for a name of poses."""
+    return name.split() if " " in name else [f"R_{name}", f"t_{name}"]
+
+
 def _sides(content: Mapping[str, Any], part: bool) -> dict[str, tuple[str, Array]]:
     """Return the name and the poses (n, 4, 4) of flange and board in what a file holds; a `part` may lack one."""
     sides: dict[str, tuple[str, Array]] = {}
@@ -300,7 +312,7 @@ def _sides(content: Mapping[str, Any], part: bool) -> dict[str, tuple[str, Array
         poses = None
         if name in content:
             poses = _poses(name, content[name])
-        elif set(parts := name.split() if " " in name else [f"R_{name}", f"t_{name}"]) <= set(content):
+        elif set(parts := _parts(name)) <= set(content):
             # of OpenCV: rotations, matrices or vectors, beside translations
             turned, placed = (_numbers(one, content[one]) for one in parts)
             n, by_vector = len(placed), turned.size == 3 * len(placed)

@@ -1,6 +1,7 @@
 """Pairs of poses in the files of other tools: each gives what the CSV of the same pairs gives, or one line."""
 
 import json
+import shlex
 from contextlib import redirect_stdout
 from io import StringIO
 
@@ -153,12 +154,48 @@ def opencv_seen(folder, times=False):
     write(folder / "robot.csv", *parts)
 
 
+@pytest.mark.parametrize("by_name", [False, True])
+def test_poses_one_level_down_are_read_under_any_name(tmp_path, by_name):
+    opencv_seen(tmp_path)
+    samples = json.loads((tmp_path / "seen.json").read_text())
+    if by_name:
+        samples = {name: [one[name] for one in samples] for name in ("rvec", "tvec")}
+    (tmp_path / "in.json").write_text(json.dumps({"camera": {"fx": 900.0}, "size": [9, 6], "views": samples}))
+    found, wanted = (read_poses(f"{tmp_path}/robot.csv,{tmp_path}/{name}.json", {}) for name in ("in", "seen"))
+    assert list(found.columns) == list(wanted.columns)
+    assert all((found.columns[name] == wanted.columns[name]).all() for name in wanted.columns)
+
+
 @pytest.mark.parametrize("words", ["robot.csv,seen.json", "seen.json,robot.csv"])
 def test_the_board_in_a_file_of_opencv_joins_the_robot_s_table_in_its_order(bench, table, tmp_path, words):
     opencv_seen(tmp_path)
     found = bench(f"data={words}", "units=board_x:m,board_y:m,board_z:m", "--json")
     for frame in ("camera", "board"):
         assert np.allclose(found[frame]["matrix"], table[frame]["matrix"], rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "heads", [["x", "y", "z", "qx", "qy", "qz", "qw"], ["qw", "z", "y", "x", "qz", "qy", "qx"], [*"abcdefg"]]
+)
+@pytest.mark.parametrize("words", ["robot.csv,seen.json", "seen.json,robot.csv"])
+def test_columns_to_copy_leave_the_board_what_its_names_say(bench, table, tmp_path, heads, words):
+    opencv_seen(tmp_path)
+    numbers = np.array([seven(one) for one in FLANGE])
+    order = ["xyz".find(h) if len(h) == 1 else 3 + "xyzw".find(h[1]) for h in heads] if "x" in heads else range(7)
+    write(tmp_path / "robot.csv", (heads, numbers[:, [*order]]))
+    line = bench(f"data={words}", code=2)
+    (columns,) = shlex.split("columns=" + line.partition("columns=")[2])
+    assert "board" not in columns
+    units = ",".join([*(f"board_{axis}:m" for axis in "xyz"), *(f"flange_{axis}:mm" for axis in "xyz")])
+    found = bench(f"data={words}", columns, f"units={units}", "--json")
+    assert np.allclose(found["camera"]["matrix"], table["camera"]["matrix"], rtol=1e-5, atol=1e-6)
+
+
+def test_columns_of_two_files_stand_in_the_order_of_the_files(tmp_path):
+    opencv_seen(tmp_path)
+    for words, first in (("robot.csv,seen.json", "flange_x"), ("seen.json,robot.csv", "board_x")):
+        both = read_poses(",".join(f"{tmp_path}/{word}" for word in words.split(",")), {})
+        assert next(iter(both.columns)) == first
 
 
 def test_the_board_in_a_file_of_opencv_with_times_joins_by_time(tmp_path):

@@ -94,6 +94,25 @@ def test_distances_from_points_that_nobody_states_calibrate_the_arm_and_find_the
     assert "base" not in found.frames
 
 
+@pytest.mark.parametrize(("names", "least"), [("A", 30), ("AB", 15), ("ABC", 10)])
+def test_too_few_distances_are_told_with_the_least_number_for_them_and_a_design_that_runs(arm, capsys, names, least):
+    q = np.repeat(joints(least - 1), 2, axis=0)  # a distance that is read twice is no second one
+    columns = columns_of(q, **{f"distance_{name} [mm]": distances(q)[name] for name in names})
+    with pytest.raises(ValueError, match=f"{least - 1} poses are too few: {least} at the least") as told:
+        quick(arm, columns)
+    cure = re.search(r"bench (design .*) says which", str(told.value))[1]
+    with pytest.raises(SystemExit) as ended:
+        main(cure.replace("FILE", str(arm)).replace("n=40", "n=8").split())
+    assert ended.value.code == 0, capsys.readouterr().err
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_repeats_are_told_where_a_distance_is_read_again_and_not_where_another_is(arm, times):
+    q = np.repeat(joints(30 // times), times, axis=0)
+    found = quick(arm, columns_of(q, **{f"distance_{name} [mm]": far for name, far in distances(q).items()}))
+    assert ("with its repeats" in found.folds) == (times == 2)
+
+
 def test_a_ball_bar_of_one_length_is_a_row_for_each_place_and_the_word_of_its_socket(arm):
     q, places = joints(4000), np.array([*WIRES.values()])
     far = np.linalg.norm(seen(q, FROM_BASE)[:, None] - places, axis=2)
