@@ -17,7 +17,7 @@ from calibench.core.process import one_thread
 from calibench.discrepancy.checks.validate import listen
 from calibench.discrepancy.diagnostics.score import projected_scores, score_all
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.fitting.fit import PLACE, Fit, amplitude_interval, fit, orthonormal, project_off
+from calibench.discrepancy.fitting.fit import PLACE, Fit, fit, orthonormal, project_off
 from calibench.discrepancy.model import effect as effects_of
 from calibench.discrepancy.model.effect import ChangePoint, Effect, Untestable, has_free_period, is_possible, name_of
 from calibench.discrepancy.model.machine import Machine, Quantities
@@ -25,7 +25,8 @@ from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model, signature
 from calibench.discrepancy.model.roles import roles_of
 from calibench.discrepancy.procedure import calibrated, in_order, searched
-from calibench.discrepancy.report import Amplitude, Carried, CarriedVerdict, Caution, Doubt, Finding, Report
+from calibench.discrepancy.report import Carried, CarriedVerdict, Caution, Doubt, Finding, Report
+from calibench.discrepancy.search.finding import amplitude_of
 from calibench.discrepancy.search.form import forms_of
 from calibench.discrepancy.search.select import delta_bic
 from calibench.discrepancy.thresholds import thresholds
@@ -264,10 +265,7 @@ def _compared(one: _Expected, joint: Fit, gains: tuple[float, float], case: str)
         verdict, why = "not testable there", f"its size would be {would:.1f} standard errors there, too few to show"
     else:
         verdict, why = "does not carry", "nothing of it shows"
-    sizes = [
-        Amplitude(effect.amplitude(at), effect.unit, amplitude_interval(effect, at, own, joint.reach))
-        for at, own in ((before, one.spread), (c, spread))
-    ]
+    sizes = [amplitude_of(effect, at, own, joint.reach) for at, own in ((before, one.spread), (c, spread))]
     period = effect.period(c) if has_free_period(effect) and verdict == "carries" else 0.0  # type: ignore[attr-defined]
     return Carried(
         effect=one.finding.effect, family=one.finding.family, target=one.finding.target, case=case, verdict=verdict,

@@ -34,11 +34,15 @@ CarriedVerdict = Literal["carries", "does not carry", "not testable there"]
 @final
 @dataclass(frozen=True)
 class Amplitude:
-    """The number an engineer quotes, with its 95 % interval."""
+    """The number an engineer quotes, with its 95 % interval.
+
+    What grows evenly with a column changes by it over `span` of that column; NaN for anything else.
+    """
 
     value: float = nan
     unit: str = ""
     ci95: tuple[float, float] = (nan, nan)
+    span: float = nan
 
 
 @final

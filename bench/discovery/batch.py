@@ -106,10 +106,12 @@ def _built(name: str, options: Mapping[str, Any]) -> Machine:
 def _of_the_machine(given: DiscoverWords | DesignWords) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return what is stated of the data, and the machine's options. Raises `ValueError` for what the machine lacks."""
     machine = given.machine
-    known = {one.key: one for each in descriptions().values() for one in each.stated}
+    known = {one.key: one for each in descriptions().values() for one in each.stated or ()}
+    own = description_of(machine).stated
+    read_here = known if own is None else {one.key: one for one in own}  # one that declares nothing may read any
     for key in given.stated:
         if key not in known:
-            choices = [*keys_of(type(given)), *([one.key for one in description_of(machine).stated] or known)]
+            choices = [*keys_of(type(given)), *(read_here or known)]
             is_option = machine in machines.names() and key in machines.options(machine)
             way_out = f"machine.{key}= is its option" if is_option else suggest(key, [*choices, "machine.OPTION"])
             raise RequestError(f"unknown argument {key!r}; {way_out}")
@@ -119,7 +121,6 @@ def _of_the_machine(given: DiscoverWords | DesignWords) -> tuple[dict[str, Any],
     machines.check(machine, options)
     stated: dict[str, Any] = {key: read_word(text) for key, text in (given.of_data | given.stated).items()}
     stated |= {key: pairs_of(key, text) for key in ("columns", "units") if (text := getattr(given, key))}
-    read_here = {one.key: one for one in description_of(machine).stated} or known  # one that declares none may read any
     for key, value in stated.items():
         if key in known and key not in read_here:
             is_option = machine in machines.names() and key in machines.options(machine)
@@ -427,16 +428,20 @@ def _asked(machine: Machine, data: MeasuredData, rivals: list[str], size: float)
 Readings = str | Path | MeasuredData
 
 
-def discover(machine: str, data: Readings, *, across: Readings | Sequence[Readings] = (), **stated: Any) -> Report:
-    """Return what is missing from the model of `machine`, a registered name or ``FILE.py:Class``, according to `data`.
+def discover(
+    machine: str | Machine, data: Readings, *, across: Readings | Sequence[Readings] = (), **words: Any
+) -> Report:
+    """Return what is missing from the model of `machine`, a registered name, ``FILE.py:Class`` or an object.
 
     `data` is what ``data=`` names on the command line (a file, or a set that ships), or data that are read already.
     `across` are other sets of the same machine, in the same forms: `report.across` says which findings they carry.
-    `stated` is what the file should state and does not (``sigma_enc=5e-5``, in the units of docs/discover.md). Raises
-    `DataError` in one line for data that cannot be used.
+    `words` are options of the machine (``call="sim.py:run"``), and what the file should state and does not
+    (``sigma_enc=5e-5``, in the units of docs/discover.md). Raises `DataError` in one line for data that cannot be used,
+    and for a word that is neither.
     """
+    made, stated = _made_with(machine, words)
     if not isinstance(data, MeasuredData):
-        found = sets(str(data), machine, stated)
+        found = sets(str(data), made.name, stated)
         if len(found) > 1:
             raise DataError(f"discover: {data} names {len(found)} sets of data; one is needed")
         data = found[0].read(stated)
@@ -447,6 +452,27 @@ def discover(machine: str, data: Readings, *, across: Readings | Sequence[Readin
         if isinstance(one, MeasuredData):
             others.append(one)
         else:
-            others += [replace(o.read(stated), name=o.case) for o in sources(str(one), machine, "across")]
-    report = discrepancy.explain(machine, data)
+            others += [replace(o.read(stated), name=o.case) for o in sources(str(one), made.name, "across")]
+    report = discrepancy.explain(made, data)
     return discrepancy.carried(report, others) if others else report
+
+
+def _made_with(machine: str | Machine, words: Mapping[str, Any]) -> tuple[Machine, dict[str, Any]]:
+    """Return the machine with its options among `words`, and what the others state; refuse a word that is neither."""
+    if isinstance(machine, str):
+        known, name = machines.options(machine), machine
+    else:
+        refuse_no_machine(machine)
+        known, name = {}, machine.name
+    own = description_of(name).stated
+    read_here = ["columns", "units", *(one.key for one in own or ())]
+    # machine.urdf is the option, also where urdf may be stated
+    options = {key.removeprefix("machine."): value for key, value in words.items() if key not in read_here}
+    stated = {key: value for key, value in words.items() if key.removeprefix("machine.") not in {*options} & {*known}}
+    for key in stated:
+        if key not in read_here and (own is not None or key.startswith("machine.")):
+            way_out = suggest(key.removeprefix("machine").lstrip("._"), [*known, *read_here])
+            raise DataError(f"discover: {key}= is no option of {name}, nor stated of its data; {way_out}")
+    if isinstance(machine, str):
+        machine = _built(machine, {key: options[key] for key in options if key in known})
+    return machine, stated

@@ -38,6 +38,7 @@ from calibench.core.tables.csv_table import Table, heads, read_excel, read_table
 from calibench.core.words import DEEPEST, counted, depth, shortened
 
 if TYPE_CHECKING:
+    from calibench.discrepancy.model.machine import Machine
     from calibench.discrepancy.model.measured import MeasuredData
 
 
@@ -52,11 +53,15 @@ _SMALLER = "take part of the readings or of the columns"
 _SOCKET = re.compile(r"(?:hole|socket)[_ -]?(\d+)", re.IGNORECASE)
 
 
-def declared_by(machine: str) -> Declared:
+def declared_by(machine: str | Machine) -> Declared:
     """Return what a machine declares of its files, and of the sets that ship."""
     from calibench.discrepancy import machines as machines  # they declare where they are imported
+    from calibench.discrepancy.checks.validate import refuse_no_machine
     from calibench.discrepancy.registries import description_of
 
+    if not isinstance(machine, str):
+        refuse_no_machine(machine)
+        machine = machine.name
     known = description_of(machine)
     return Declared(
         machine=machine, columns=known.columns, named=known.named, own_units=known.own_units, files=known.files,
@@ -65,10 +70,12 @@ def declared_by(machine: str) -> Declared:
 
 
 def read_measured(
-    path: str | Path, machine: str = "", stated: Mapping[str, Any] | None = None,
+    path: str | Path, machine: str | Machine = "", stated: Mapping[str, Any] | None = None,
     columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
 ) -> MeasuredData:  # fmt: skip
-    """Return the data in `path`. `machine` must be the file's, if it states one; `stated` goes before its metadata.
+    """Return the data in `path`. `machine`, a name or an object, must be the file's, if it states one.
+
+    `stated` goes before its metadata.
 
     `columns` are name -> what the file calls it (``{"enc_1": "Winkel 1"}``), `units` name -> unit, for columns of which
     the file states none, or not in a known way. Raises `DataError`, in one line that begins with the path, for what

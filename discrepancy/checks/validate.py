@@ -150,10 +150,10 @@ def listen(data: MeasuredData) -> tuple[MeasuredData, Asked]:
 
 def refuse_unused(machine: str, data: MeasuredData, asked: Asked) -> None:
     """Raise `DataError` for a key that was stated beside the file and that neither the machine nor its effects read."""
-    declared = [one.key for one in description_of(machine).stated]
-    known = declared or sorted(asked.read)
+    stated = description_of(machine).stated
+    known = sorted(asked.read) if stated is None else [one.key for one in stated]
     for key in sorted(data.stated):
-        if key in _ALWAYS or key in declared or (not declared and key in asked.read):
+        if key in _ALWAYS or key in known:
             continue
         choices = [one for one in known if one not in _ALWAYS]
         way_out = suggest(key, choices) if choices else "leave it out"

@@ -262,6 +262,7 @@ class EffectFamily:
         changes: Callable[[Quantities, MeasuredData], dict[str, Array]], *, unit: str = "",
         twins: tuple[str, ...] = (), measure: Callable[[Array], float] | None = None, largest: float = math.inf,
         along: Along | None = None, positions: int = 1, begins: float = math.nan, begins_unit: str = "",
+        span: float = math.nan,
     ) -> LinearEffect:  # fmt: skip
         """Return the effect of this family on `target`: `coefficients` are name -> unit, see `LinearEffect`.
 
@@ -271,7 +272,7 @@ class EffectFamily:
             family=self.name, target=target, formula=self.formula, channel=self.channel, columns=columns,
             coefficients=tuple(coefficients), units=tuple(coefficients.values()),
             unit=unit or next(iter(coefficients.values())), changes=changes, twins=twins, measure=measure or size,
-            largest=largest, along=along, positions=positions, begins=begins, begins_unit=begins_unit,
+            largest=largest, along=along, positions=positions, begins=begins, begins_unit=begins_unit, span=span,
         )  # fmt: skip
 
     def steps(
@@ -341,7 +342,8 @@ class LinearEffect:
 
     No machine has an amplitude above `largest`, in the effect's unit. `begins` is the value of its column from which on
     the effect acts, in `begins_unit`, where that was searched for. `along(data)` returns covariate -> the moments at
-    which it acts: its size may depend on the position at each of them.
+    which it acts: its size may depend on the position at each of them. `span` is the
+    change of its column over which the effect, if it grows evenly with it, changes by its amplitude.
 
     `over` are the columns that together are the place on which its size may depend where its formula is off. `whole` is
     the cause of which it is one term: the sine or the cosine of a wave whose phase is any.
@@ -365,6 +367,7 @@ class LinearEffect:
     begins_unit: str = ""
     over: tuple[str, ...] = ()
     whole: Effect | None = None
+    span: float = math.nan
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         return {name: change @ c for name, change in self.changes(q, data).items()}

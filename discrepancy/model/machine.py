@@ -180,7 +180,7 @@ class Description:
     """What one machine declares.
 
     `columns` are those of its files, `quantities` what else has a name: parameters, imperfections, covariates made of
-    columns. `stated` are the keys that may be given beside a file; none: any. `helpful` are columns of sensors that
+    columns. `stated` are the keys that may be given beside a file; None: any. `helpful` are columns of sensors that
     part effects which look alike without them. `plan` makes readings of a named plan, `pool` readings that could be
     taken next, `completed` (formulation, data, parameters by name) the data with a further sensor. `printed` are sets
     of measurements that a paper prints, by name, and `demonstrations` is a folder of files. `part_of` tells the part of
@@ -196,7 +196,7 @@ class Description:
 
     columns: tuple[Quantity, ...] = ()
     quantities: tuple[Quantity, ...] = ()
-    stated: tuple[Stated, ...] = ()
+    stated: tuple[Stated, ...] | None = None
     helpful: tuple[str, ...] = ()
     plan: Callable[..., MeasuredData] | None = None
     pool: Callable[[Formulation, Quantities], MeasuredData] | None = None

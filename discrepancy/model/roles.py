@@ -14,6 +14,7 @@ from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured import DataError
 
 ALL = "all"  # the target that is every part of one role together
+RATE = "rate of "  # before a column: its derivative in time
 
 
 @final
@@ -173,7 +174,7 @@ def words_of(roles: Roles) -> dict[str, str]:
     for joint in roles.joints:
         rotary = joint.kind == "rotary"
         each = {joint.reading: "angle" if rotary else "position", joint.direction: "direction",
-                joint.velocity: "velocity", joint.torque: "torque" if rotary else "force",
+                joint.velocity: _speed(joint.velocity), joint.torque: "torque" if rotary else "force",
                 joint.temperature: "temperature"}  # fmt: skip
         each.pop(joint.name, None)  # a joint that is called as its column needs no words
         of = joint.label or joint.name
@@ -184,8 +185,13 @@ def words_of(roles: Roles) -> dict[str, str]:
         meanings |= {name: f"{word} {member}" for name, word in each.items() if name not in meanings}
     for one in roles.instruments:
         speeds = zip(one.velocity, one.columns)
-        meanings |= {name: f"velocity of {column}" for name, column in speeds if name not in meanings}
+        meanings |= {name: f"{_speed(name)} of {column}" for name, column in speeds if name not in meanings}
     return {name: words for name, words in meanings.items() if name}
+
+
+def _speed(column: str) -> str:
+    """Return the word for a column of speeds; of one that was computed it is the word of its name."""
+    return "rate" if column.startswith(RATE) else "velocity"
 
 
 def inputs_of(formulation: Formulation) -> tuple[str, ...]:

@@ -78,9 +78,8 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     for o in options[1:]:
         if len(o.fit.J):
             own = slice(len(o.fit.x) - len(o.effect.coefficients), None)
-            c, spread = o.fit.x[own], left_scale(o.fit) ** 2 * o.fit.covariance()[own, own]
-            interval = amplitude_interval(o.effect, c, spread, o.fit.reach)
-            sizes[o.name] = Amplitude(o.effect.amplitude(c), o.effect.unit, interval)
+            spread = left_scale(o.fit) ** 2 * o.fit.covariance()[own, own]
+            sizes[o.name] = amplitude_of(o.effect, o.fit.x[own], spread, o.fit.reach)
 
     amplitude, numbers, period = _sizes(found, effect)
     return Finding(
@@ -123,8 +122,13 @@ def _sizes(found: Fit, effect: Effect) -> tuple[Amplitude, tuple[Coefficient, ..
     begins = getattr(effect, "begins", np.nan)
     if np.isfinite(begins):
         numbers.append(Coefficient(BEGINS, float(begins), getattr(effect, "begins_unit", ""), np.nan))
-    size = Amplitude(effect.amplitude(c), effect.unit, amplitude_interval(effect, c, spread, found.reach))
-    return size, tuple(numbers), period
+    return amplitude_of(effect, c, spread, found.reach), tuple(numbers), period
+
+
+def amplitude_of(effect: Effect, c: Array, spread: Array, reach: float) -> Amplitude:
+    """Return the size of an effect at its coefficients `c`, whose covariance is `spread`."""
+    interval = amplitude_interval(effect, c, spread, reach)
+    return Amplitude(effect.amplitude(c), effect.unit, interval, getattr(effect, "span", np.nan))
 
 
 def with_cautions(findings: Sequence[Finding], whole: Mapping[str, float]) -> tuple[Finding, ...]:

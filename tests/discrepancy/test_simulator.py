@@ -16,9 +16,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibench import testing
+from calibench import discover, testing
 from calibench.bench.cli import main
-from calibench.bench.discovery.page.words import headline
+from calibench.bench.discovery.page.words import amplitude_words, headline
+from calibench.bench.measured import read_measured, write_measured
 from calibench.core.notes import Code
 from calibench.discrepancy import DataError, MeasuredData, explain, machines
 from calibench.discrepancy.effects import catalogue
@@ -26,6 +27,10 @@ from calibench.discrepancy.formula.grammar import Atom, Term
 from calibench.discrepancy.machines.simulator.caller import Caller, Names, duration, of_function
 from calibench.discrepancy.machines.simulator.local import LocalModel, Variable
 from calibench.discrepancy.model.effect import name_of
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.roles import roles_of, words_of
+from calibench.discrepancy.report import Place, Report
+from calibench.discrepancy.search.finding import amplitude_of
 
 SPRING = """
 import numpy as np
@@ -118,7 +123,19 @@ def test_what_is_hidden_at_inputs_parameters_and_outputs_is_named_and_closes_the
     named = [{rival.effect for rival in finding.set} | {finding.effect} for finding in report.findings]
     assert any(name in names for names in named), (report.verdict, named)
     assert report.gap.held_out_after < 1.25 * report.gap.noise_floor < report.gap.held_out_before
-    assert ("at the end of box" in headline(report)) == ("over box" in name)  # where a size holds that is none a unit
+    assert ("per unit of box" in headline(report)) == ("over box" in name)
+
+
+@pytest.mark.parametrize(("low", "high"), [(10.0, 40.0), (-40.0, -10.0), (-10.0, 40.0)])
+def test_a_size_over_a_column_is_told_per_unit_of_it_wherever_its_mean_is(spring, low, high):
+    box = low + (high - low) * (1 - np.linspace(1, 0, 120) ** 4)  # its mean is near the high end
+    formulation = simulator(spring).formulate(readings().with_columns({"box": box}))
+    effects = {name_of(effect): effect for effect in catalogue(formulation).candidates}
+    effect, q = effects["parameter_over k over box"], Model(formulation).quantities(np.array([2.0, 0.5]))[0]
+    size = amplitude_of(effect, np.array([0.06]), np.eye(1) * 1e-6, 2.0)
+    slopes = np.diff(effect.shift(q, formulation.data, np.array([0.06]))["k"]) / np.diff(box)
+    np.testing.assert_allclose(slopes, size.value / size.span, rtol=1e-6)
+    assert amplitude_words(size, effect.target, brief=True) == f"{slopes[0]:#.3g} per unit of box"
 
 
 @pytest.mark.parametrize("law", testing.MACHINE_LAWS, ids=lambda law: law.__name__)
@@ -128,6 +145,35 @@ def test_a_simulator_keeps_the_laws_of_a_users_own_machine(spring, law):
 
 def test_a_sound_simulator_misses_nothing(spring):
     assert explain(simulator(spring), readings()).verdict == "none"
+
+
+def test_two_mappings_may_stand_before_arguments_that_keep_their_defaults():
+    names = Names(("u", "t"), ("k",), ("y",))
+    u = np.array([[1.0, 2.0], [3.0, 4.0]])
+
+    def of_mappings(inputs, parameters, steps=200):
+        return {"y": inputs["u"] * parameters["k"] + steps}
+
+    def by_name(u, t, k=1.0):
+        return {"y": u * k + t}
+
+    for function, expected in ((of_mappings, [[205.0], [215.0]]), (by_name, [[7.0], [19.0]])):
+        assert of_function(function, names, one=False)(u, np.array([5.0])).tolist() == expected
+
+
+def test_from_python_options_are_keywords_or_the_machine_is_an_object(spring, tmp_path):
+    file = write_measured(readings(play=0.03), tmp_path / "play.csv")
+    call = f"{spring}:answer"
+    reports = [
+        discover("simulator", file, call=call, workers=1), discover("simulator", file, **{"machine.call": call}),
+        discover(simulator(spring), file), explain(simulator(spring), read_measured(file, simulator(spring))),
+    ]  # fmt: skip
+    assert len({(report.verdict, report.findings[0].effect) for report in reports}) == 1
+    for word in ("machine_call", "cal"):
+        with pytest.raises(DataError, match=f"{word}= is no option of simulator, .*did you mean 'call'"):
+            discover("simulator", file, **{word: call})
+    with pytest.raises(DataError, match=r"machine: dict: it has no formulate"):
+        read_measured(file, {})
 
 
 def _far(rows: np.ndarray, held: bool) -> MeasuredData:
@@ -416,6 +462,16 @@ def test_what_does_not_fit_is_one_line(spring, options, message):
         options = {**options, "call": f"{spring}:{options['call']}"}
     with pytest.raises((DataError, ValueError), match=message):
         machines.make("simulator", **options).formulate(readings())
+
+
+def test_a_computed_rate_has_one_word_in_the_file_and_on_the_page(spring):
+    data = readings()
+    formulation = simulator(spring, time="t_s").formulate(data.with_columns({"t_s": np.arange(len(data)) * 3.0}))
+    rates = {name: words for name, words in words_of(roles_of(formulation)).items() if name.startswith("rate of ")}
+    assert {*rates} >= {"rate of u", "rate of t"}
+    assert all(name == words for name, words in rates.items())
+    place = Place("y", "rate of u", 1e-9)
+    assert "over the rate of u" in headline(Report("case", "simulator", "unknown", where=(place,), words=rates))
 
 
 def test_an_input_in_seconds_is_the_time_within_a_trial_unless_another_is_stated(spring):

@@ -162,7 +162,7 @@ def set_table(report: Report, causes: Mapping[str, tuple[str, str]]) -> Table:
     for finding, rival, first, weight in _members(report):
         cause, formula = causes.get(rival.family, ("", ""))
         name = f"{'●' if first else '◐'} {effect_label(report.machine, rival.family, rival.target)}"
-        size = "" if rival.amplitude is None else words.amplitude_words(rival.amplitude)
+        size = "" if rival.amplitude is None else words.amplitude_words(rival.amplitude, rival.target)
         size = f"{size} if it is this" if size else ""
         if first:
             name = cell.strong(name)
@@ -181,7 +181,7 @@ def across_table(report: Report) -> Table:
             (row.apart, 1), (row.gain, 0), (row.held_out_gain, 0),
         )]  # fmt: skip
         verdict = cell.cause(cell.strong(row.verdict) if row.verdict == "carries" else row.verdict, row.why)
-        sizes = [words.amplitude_words(size) or "–" for size in (row.size, row.there)]
+        sizes = [words.amplitude_words(size, row.target) or "–" for size in (row.size, row.there)]
         rows.append([effect_label(report.machine, row.family, row.target), row.case, verdict, *sizes, *numbers])
     numbers = ["apart", "gain", "gain, poses left out"]
     return _table(("effect", "set", "verdict", "size here", "size there", *numbers), rows, "wide", right=numbers)

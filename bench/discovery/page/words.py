@@ -35,7 +35,6 @@ _SHOWS = 0.01  # p below which a place is reported
 _LESS = 0.8  # of the weight of the last name told: a next one above it is as likely
 TRUSTED_LESS = "these readings are trusted less; no error of the machine was corrected."
 UNTOUCHED = "no error of the machine was corrected."
-_AT_ITS_END = ("parameter_over", "output_gain")  # their size is that where the column is furthest from its mean, or 0
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
 
 
@@ -220,7 +219,7 @@ def across_sentences(report: Report) -> list[str]:
             cases = []
             for row in report.across:
                 if (row.effect, row.verdict) == (finding.effect, verdict):
-                    size = amplitude_words(row.there, brief=True)
+                    size = amplitude_words(row.there, row.target, brief=True)
                     cases.append(f"{row.case} ({'; '.join(filter(None, (row.why, f'{size} there' if size else '')))})")
             parts += [words.format(_join(cases))] if cases else []
         if parts:
@@ -350,14 +349,17 @@ def chance_sentence(report: Report) -> str:
 def size_of(finding: Finding, brief: bool = False) -> str:
     """Return a finding's amplitude with its interval (without it where `brief`); "" where it has none."""
     unit = "" if finding.family == "heavy_tails" else finding.amplitude.unit  # a kurtosis is no share
-    return amplitude_words(replace(finding.amplitude, unit=unit), brief)
+    return amplitude_words(replace(finding.amplitude, unit=unit), finding.target, brief)
 
 
-def amplitude_words(size: Amplitude, brief: bool = False) -> str:
+def amplitude_words(size: Amplitude, target: str, brief: bool = False) -> str:
+    """Return a size with its interval; of what grows evenly with the column of its `target`, that of one unit of it."""
     if not isfinite(size.value):
         return ""
-    ends = None if brief or not all(isfinite(end) for end in size.ci95) else size.ci95
-    return amount(size.value, size.unit, ends)
+    each, of_unit = (size.span, f" per unit of {target.partition(' over ')[2]}") if isfinite(size.span) else (1.0, "")
+    low, high = (end / each for end in size.ci95)
+    ends = None if brief or not isfinite(low) or not isfinite(high) else (low, high)
+    return amount(size.value / each, size.unit, ends) + of_unit
 
 
 def coefficients_of(finding: Finding) -> str:
@@ -441,8 +443,6 @@ def _claim(machine: str, finding: Finding, brief: bool = False) -> str:
     own = (finding.family, finding.target)  # the name whose size is told
     size = size_of(finding, brief)
     about = f", {_NOISE.get(finding.family, '')} {size}".replace("  ", " ") if size else ""
-    if finding.family in _AT_ITS_END and size:
-        about += f" at the end of {finding.target.partition(' over ')[2]}"
     about += "".join(f", {words}" for words in (_free_period(finding, brief), _begins(finding)) if words)
 
     def member(rival: Rival) -> str:
@@ -456,7 +456,10 @@ def _claim(machine: str, finding: Finding, brief: bool = False) -> str:
     first, others = rivals[0], ""
     if len(rivals) <= FEW_NAMES:
         which = f"{_join([member(r) for r in rivals], 'or')} (these data cannot tell which)"
-        sizes = [(r.amplitude and amplitude_words(r.amplitude, brief=True), nth) for r, nth in zip(rivals[1:], _NTH)]
+        sizes = [
+            (r.amplitude and amplitude_words(r.amplitude, r.target, brief=True), nth)
+            for r, nth in zip(rivals[1:], _NTH)
+        ]
         others = "".join(f", {size} if the {nth}" for size, nth in sizes if size)  # the page has their intervals
     else:
         # the likeliest members: two, or three where two hold no more than half of the weight
@@ -483,7 +486,8 @@ def _claim(machine: str, finding: Finding, brief: bool = False) -> str:
 
 def _over(report: Report, covariate: str) -> str:
     label = quantity_label(report.machine, covariate, report.words)
-    bare = label in ("time", covariate.replace("_", " "))  # what has no words is a name, and a name has no article
+    named = label == covariate.replace("_", " ") and " of " not in label  # what has no words is a name, without article
+    bare = named or label == "time"
     return f"over {label}" if bare else f"over the {label}"
 
 

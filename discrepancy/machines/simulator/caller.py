@@ -54,13 +54,14 @@ class Names:
 def of_function(function: Callable[..., Any], names: Names, one: bool) -> Simulator:
     """Return a Python function as a simulator.
 
-    One of two arguments without defaults that are no inputs gets both as mappings, name -> array, name -> number. Any
-    other gets each input and parameter by its own name. It returns a mapping name -> array, a tuple of arrays, or an
-    array (n, m); with `one` it is called for each row, with numbers.
+    One of two arguments without defaults that are no inputs gets both as mappings, name -> array, name -> number; its
+    further arguments keep their defaults. Any other gets each input and parameter by its own name. It returns a mapping
+    name -> array, a tuple of arrays, or an array (n, m); with `one` it is called for each row, with numbers.
     """
     arguments = inspect.signature(function).parameters.values()
     plain = [a.name for a in arguments if a.default is a.empty and a.kind is a.POSITIONAL_OR_KEYWORD]
-    as_mappings = len(plain) == len(arguments) == 2 and not {*plain} <= {*names.inputs, *names.parameters}
+    further, known = {a.name for a in arguments if a.default is not a.empty}, {*names.inputs, *names.parameters}
+    as_mappings = len(plain) == 2 and not {*plain} <= known and not further & known
 
     def ask(inputs: Mapping[str, Any], parameters: Mapping[str, Any], n: int) -> Array:
         said = function(dict(inputs), dict(parameters)) if as_mappings else function(**inputs, **parameters)

@@ -29,20 +29,20 @@ def _input_offset(family: EffectFamily, formulation: Formulation, target: str) -
 def _output_gain(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     output, _, column = target.partition(" over ")
     needs(formulation.data, column)
-    follows = _course(formulation.data, column)
+    follows, span = _course(formulation.data, column)
     return family.linear(
         target, (output, column), {"k": "1"},
         lambda q, data: {output: -np.asarray(q[output] * follows(np.asarray(data[column], dtype=float)))[:, None]},
-        largest=thresholds().largest_scale,
+        largest=thresholds().largest_scale, span=span,
     )  # fmt: skip
 
 
-def _course(run: MeasuredData, column: str) -> Callable[[Array], Array]:
-    """Return what a column is from its mean, or from 0 where it has both signs, over the largest such in `run`."""
+def _course(run: MeasuredData, column: str) -> tuple[Callable[[Array], Array], float]:
+    """Return what a column is from its mean, or from 0 where it has both signs, over the largest in `run`; and that."""
     values = np.asarray(run[column], dtype=float)
     zero = 0.0 if values.min() <= 0.0 <= values.max() else float(values.mean())
     size = float(np.max(np.abs(values - zero)))
-    return lambda u: (u - zero) / size
+    return lambda u: (u - zero) / size, size
 
 
 def _over(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -53,13 +53,13 @@ def _over(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     model = Model(formulation)
     if not np.any(formulation.slopes(model.quantities(model.start)[0])[parameter]):
         raise NotTestable(f"no prediction depends on {parameter}")
-    course, warm = _course(run, column), (roles.temperature, *(j.temperature for j in roles.joints))
+    (course, span), warm = _course(run, column), (roles.temperature, *(j.temperature for j in roles.joints))
 
     def changes(late: float, q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {parameter: course(warmth(data, late, column, roles.time, run))[:, None]}
 
     return tuple(
-        family.linear(target, (column,), {"c": ""}, partial(changes, late))
+        family.linear(target, (column,), {"c": ""}, partial(changes, late), span=span)
         for late in (time_constants(run, roles.time) if column in warm else (0.0,))
     )
 

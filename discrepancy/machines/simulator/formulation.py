@@ -291,4 +291,6 @@ def _moved(data: MeasuredData, inputs: Sequence[str], clock: str) -> MeasuredDat
     return replace(data.with_columns(made), computed=data.computed | {*made})
 
 
-describe("simulator", Description(part_of=str, own_units=True, replaced=("frame_drift", "frame_shift", "polynomial")))
+describe("simulator", Description(
+    stated=(), part_of=str, own_units=True, replaced=("frame_drift", "frame_shift", "polynomial"),
+))  # fmt: skip
