@@ -56,15 +56,14 @@ _SOCKET = re.compile(r"(?:hole|socket)[_ -]?(\d+)", re.IGNORECASE)
 def declared_by(machine: str | Machine) -> Declared:
     """Return what a machine declares of its files, and of the sets that ship."""
     from calibench.discrepancy import machines as machines  # they declare where they are imported
-    from calibench.discrepancy.checks.validate import refuse_no_machine
     from calibench.discrepancy.registries import description_of
 
-    if not isinstance(machine, str):
-        refuse_no_machine(machine)
-        machine = machine.name
-    known = description_of(machine)
+    name = machine if isinstance(machine, str) else getattr(machine, "name", None)
+    if not isinstance(name, str):
+        raise DataError(f"machine: {type(machine).__name__}: a machine, or the name of one, is needed")
+    known = description_of(name)
     return Declared(
-        machine=machine, columns=known.columns, named=known.named, own_units=known.own_units, files=known.files,
+        machine=name, columns=known.columns, named=known.named, own_units=known.own_units, files=known.files,
         printed=tuple(known.printed), demonstrations=known.demonstrations,
     )  # fmt: skip
 

@@ -172,7 +172,7 @@ def test_from_python_options_are_keywords_or_the_machine_is_an_object(spring, tm
     for word in ("machine_call", "cal"):
         with pytest.raises(DataError, match=f"{word}= is no option of simulator, .*did you mean 'call'"):
             discover("simulator", file, **{word: call})
-    with pytest.raises(DataError, match=r"machine: dict: it has no formulate"):
+    with pytest.raises(DataError, match="machine: dict: a machine, or the name of one"):
         read_measured(file, {})
 
 
