@@ -113,13 +113,15 @@ class Course:
         if self.visits < _VISITS:
             text = f"{read}, and was read too seldom to tell a drift: {_VISITS} times at the least"
         elif self.kind == "still":
-            text = f"{read}, and stood still within {plain(self.scatter, 2)}{size} over {self.visits} visits"
+            text = (
+                f"{read}: no drift is seen by {self.visits} visits, which scatter by {plain(self.scatter, 2)}{size} rms"
+            )
         else:
             how = "evenly" if self.kind == "even" else "from visit to visit"
             turned = " and turned" if self.turns.any() else ""
             text = (
                 f"{read}: by {self.visits} visits the tracker drifted{turned} {how}, which is taken out of the "
-                f"readings, {plain(by, 2)}{size} at most"
+                f"readings, {plain(by, 2)}{size} at most from its mean place"
             )
         return Note(Code.BASE_DRIFT, text, values=values)
 
