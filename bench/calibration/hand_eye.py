@@ -115,8 +115,9 @@ def read_poses(named: str, units: Mapping[str, str]) -> Table:
         if len(first) != len(second):
             counts = " and ".join(f"{source} has {len(one)}" for source, one in zip(sources, both, strict=True))
             raise DataError(f"poses of two files are joined in their order, or by a time in each, and {counts}")
+        added = {name: column for name, column in second.columns.items() if name not in first.columns}
         return replace(
-            first, columns={**first.columns, **second.columns, **first.columns}, units={**second.units, **first.units},
+            first, columns={**first.columns, **added}, units={**second.units, **first.units},
             name=f"{first.name}_{second.name}", notes=once([*first.notes, *second.notes]),
         )  # fmt: skip
     times = [next(name for name in one.columns if is_time(name)) for one in both]

@@ -40,6 +40,8 @@ _TO_AGREE = 30.0  # seconds for workers that are there to compare their code wit
 _STRIKES = 3  # the site may end two workers in a row; what a run itself does is mostly a row at the second
 _NOBODY = 10.0  # seconds without a worker after which that is told
 _MESSAGES = 64  # on their way, after which workers wait for us
+_LOGGERS = ("distributed", "dask", "tornado", "asyncio")
+_NOTHING = logging.Filter("no logger is called so")
 _HOST = "127.0.0.1"
 _ENTER = (
     "import sys; sys.path[:] = {path!r}; from calibench.bench.workers.dask_worker import serve; serve(*sys.argv[1:])"
@@ -374,13 +376,22 @@ def _client(distributed: Any, address: str) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep what Dask logs off the terminal."""
-    before = logging.root.manager.disable
-    logging.disable(logging.CRITICAL)
+    """Keep the loggers of Dask off the terminal, also those that are made meanwhile."""
+    loggers = [logging.getLogger(name) for name in _LOGGERS]
+    known = [one for one in list(logging.root.manager.loggerDict.values()) if isinstance(one, logging.Logger)]
+    silenced = [one for one in known if one.name.partition(".")[0] in _LOGGERS and not one.disabled]
+    handlers = [handler for logger in loggers for handler in logger.handlers]
+    for logger in silenced:
+        logger.disabled = True
+    for handler in handlers:
+        handler.addFilter(_NOTHING)
     try:
         yield
     finally:
-        logging.disable(before)
+        for logger in silenced:
+            logger.disabled = False
+        for handler in handlers:
+            handler.removeFilter(_NOTHING)
 
 
 @final

@@ -44,7 +44,7 @@ from calibench.discrepancy.model import roles as parts_of
 from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities, Slopes, as_is, complex_step_slopes
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, complete, number_visits, without_gaps
 from calibench.discrepancy.model.model import learned_noise, noise_left, relearned
-from calibench.discrepancy.model.roles import RATE as RATE, Roles, inputs_of, roles_of, unknown_noise_of
+from calibench.discrepancy.model.roles import RATE, Roles, inputs_of, roles_of, unknown_noise_of
 from calibench.problems.base import Array, Parameter
 
 BOOKKEEPING = ("pose_id", "visit_id", "repeat", "reading_place", "valid", "block")

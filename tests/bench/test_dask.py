@@ -1,6 +1,7 @@
 """Runs on Dask: the rows of a serial sweep, whoever dies; what a site's cluster must have; nothing is left running."""
 
 import json
+import logging
 import multiprocessing
 import os
 import pickle
@@ -288,13 +289,16 @@ def test_a_missing_package_is_named_with_what_installs_it(here, monkeypatch, cap
         pass
 
 
-def test_nothing_is_said_where_another_dask_has_taken_the_port_of_its_page(capfd):
+def test_nothing_is_said_where_another_dask_has_taken_the_port_of_its_page(capfd, caplog):
     with socket.socket() as taken, suppress(OSError):  # somebody else has it
         taken.bind(("127.0.0.1", 8787))
         taken.listen()
         with cluster(0, None) as there:  # warnings are errors
             assert there.workers() == {}
+            logging.getLogger("distributed.core").error("of Dask")
+            logging.getLogger("mine").error("of the user")
     assert capfd.readouterr() == ("", "")
+    assert [record.message for record in caplog.records if record.levelname == "ERROR"] == ["of the user"]
 
 
 SETTLE = """

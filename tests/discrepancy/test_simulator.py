@@ -472,6 +472,8 @@ def test_a_computed_rate_has_one_word_in_the_file_and_on_the_page(spring):
     assert all(name == words for name, words in rates.items())
     place = Place("y", "rate of u", 1e-9)
     assert "over the rate of u" in headline(Report("case", "simulator", "unknown", where=(place,), words=rates))
+    own = Place("y", "hours_of_use", 1e-9)  # a user's own column is a name
+    assert "over hours of use" in headline(Report("case", "simulator", "unknown", where=(own,), words=rates))
 
 
 def test_an_input_in_seconds_is_the_time_within_a_trial_unless_another_is_stated(spring):

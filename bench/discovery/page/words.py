@@ -17,6 +17,7 @@ from calibench.core.words import plain
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, part_label, quantity_label, quantity_of
 from calibench.discrepancy.model.effect import IN_ROWS
+from calibench.discrepancy.model.roles import RATE
 from calibench.discrepancy.noise.laws import OF_NOISE
 from calibench.discrepancy.remarks import NOISE_UNSTATED
 from calibench.discrepancy.report import Amplitude, Doubt, Finding, Place, Report, Rival
@@ -486,7 +487,7 @@ def _claim(machine: str, finding: Finding, brief: bool = False) -> str:
 
 def _over(report: Report, covariate: str) -> str:
     label = quantity_label(report.machine, covariate, report.words)
-    named = label == covariate.replace("_", " ") and " of " not in label  # what has no words is a name, without article
+    named = label == covariate.replace("_", " ") and not covariate.startswith(RATE)  # no words of ours: without article
     bare = named or label == "time"
     return f"over {label}" if bare else f"over the {label}"
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pairs40
-from answering import answer, timed
+from answering import answer
 
 
 def _solve(robust: bool, flanges: Any, boards: Any) -> Any:
@@ -49,13 +49,7 @@ def _solve(robust: bool, flanges: Any, boards: Any) -> Any:
 
 
 def _hand_eye(robust: bool, wild: bool, work: Mapping[str, Any]) -> dict[str, Any]:
-    found, (flanges, boards) = [], pairs40.pairs(wild)
-
-    def calibrated() -> int:
-        found.append(_solve(robust, flanges, boards))
-        return 1
-
-    return {**timed(calibrated), "note": pairs40.told(found[0], _solve)}
+    return pairs40.measured(_solve, wild, robust)
 
 
 LINES = {

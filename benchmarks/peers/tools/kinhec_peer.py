@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pairs40
-from answering import answer, timed
+from answering import answer
 
 
 def _motions(flanges: Any, boards: Any) -> Any:
@@ -43,13 +43,7 @@ def _refined(flanges: Any, boards: Any) -> Any:
 
 
 def _hand_eye(solve: Callable[[Any, Any], Any], wild: bool, work: Mapping[str, Any]) -> dict[str, Any]:
-    found, (flanges, boards) = [], pairs40.pairs(wild)
-
-    def calibrated() -> int:
-        found.append(np.asarray(solve(flanges, boards)))
-        return 1
-
-    return {**timed(calibrated), "note": pairs40.told(found[0], solve)}
+    return pairs40.measured(solve, wild)
 
 
 def _robust(flanges: Any, boards: Any) -> Any:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import inspect
 
 import numpy as np
+from answering import timed
 
 WILD = (6, 13, 22, 35)
 
@@ -37,6 +38,17 @@ def pairs(wild):
         flanges.append(flange)
         boards.append(seen)
     return np.array(flanges), np.array(boards)
+
+
+def measured(solve, wild, *first):
+    """Return the time of ``solve(*first, flanges, boards)`` and what its camera (4, 4) [m] is off by."""
+    found, (flanges, boards) = [], pairs(wild)
+
+    def calibrated():
+        found.append(np.asarray(solve(*first, flanges, boards)))
+        return 1
+
+    return {**timed(calibrated), "note": told(found[0], solve)}
 
 
 def told(camera, solve):

@@ -27,10 +27,10 @@ from calibench.core.words import counted, one_line, plain, print_plain
 from calibench.discrepancy.machines.simulator import caller as calls
 from calibench.discrepancy.machines.simulator.caller import Caller, Names, duration, simulators
 from calibench.discrepancy.machines.simulator.local import FEW, LocalModel, Variable
-from calibench.discrepancy.model.formulations import RATE, OfRows, Predicted, along_clock, means_at, numbers_of
+from calibench.discrepancy.model.formulations import OfRows, Predicted, along_clock, means_at, numbers_of
 from calibench.discrepancy.model.machine import Description
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, complete
-from calibench.discrepancy.model.roles import Instrument, Joint, Roles
+from calibench.discrepancy.model.roles import RATE, Instrument, Joint, Roles
 from calibench.discrepancy.registries import describe, machines
 from calibench.problems.base import Parameter
 

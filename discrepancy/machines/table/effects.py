@@ -10,10 +10,9 @@ from calibench.discrepancy.effects.general import columns
 from calibench.discrepancy.effects.general.columns import run_terms
 from calibench.discrepancy.effects.general.recipe import Built, clock_of, declared, recipe
 from calibench.discrepancy.model.effect import EffectFamily, needs
-from calibench.discrepancy.model.formulations import RATE
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import DataError, MeasuredData
-from calibench.discrepancy.model.roles import inputs_of, roles_of
+from calibench.discrepancy.model.roles import RATE, inputs_of, roles_of
 from calibench.problems.base import Array
 
 _OF = {"once": 1, "twice": 2}  # harmonics of a known period

@@ -20,10 +20,10 @@ from calibench.core.notes import Code
 from calibench.core.options import shown, suggest
 from calibench.core.registry import Registry
 from calibench.core.words import counted, plain
-from calibench.discrepancy.model.formulations import RATE, Predicted, along_clock, numbers_of
+from calibench.discrepancy.model.formulations import Predicted, along_clock, numbers_of
 from calibench.discrepancy.model.machine import Description, Numbers, Quantities, Stated
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor
-from calibench.discrepancy.model.roles import Roles
+from calibench.discrepancy.model.roles import RATE, Roles
 from calibench.discrepancy.registries import describe, machines
 from calibench.problems.base import Array, Parameter
 from calibench.problems.suites.nist.models import MODELS
