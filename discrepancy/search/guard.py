@@ -42,6 +42,7 @@ _LEVELS = 4  # values up to which a column is a few states and not a number
 _TOP = 2  # columns whose functions explain most, that are tried together with each other one
 _OWN = 0.02  # of the variance of a name's change: what a function of one column leaves of it, where it is one of that
 _SIGN = 0.95  # of the rows, in which a direction is the sign of a velocity
+_BEAT = np.sqrt(2.0)  # between two periods: half an octave
 _LEAST = 60  # degrees of freedom: with fewer nothing tells a cause from another
 _FURTHER = 20.0  # log odds against another name on the same part: measured on foreign causes and on pairs of true ones
 _RANK = 1e-10
@@ -84,8 +85,9 @@ def with_doubts(
         claims = _causes_of(sure, effects, part)
         named = [effects[one.effect] for one in sure]
         errors = [effects[one.effect] for one in own if one not in sure]
-        columns, instead = _doubt(at, terms, named, errors, claims)
-        if columns and _is_rich(named[0]):
+        curve = _of_one_curve(named, at)
+        columns, instead = (curve, True) if curve else _doubt(at, terms, named, errors, claims)
+        if columns and not curve and _is_rich(named[0]):
             rivals = [o for one in sets if [one[0].effect] == named for o in one if len(o.fit.r)]
             if any(not _doubt(o.fit, terms, [o.effect], (), claims)[0] for o in rivals if not _is_rich(o.effect)):
                 continue
@@ -96,6 +98,32 @@ def with_doubts(
         for one in findings
     )
     return tuple(some), bool(doubts)
+
+
+def _of_one_curve(named: Sequence[Effect], at: Fit) -> tuple[str, ...]:
+    """Return the column over which names are another curve than what they stand for, and () where they are not.
+
+    Two waves whose fitted periods are less than half an octave apart are one wave whose size changes, as where gears
+    beat. A size of a direction that goes with the velocity of this sign is a function of the velocity, as friction is
+    and no play.
+    """
+    periods = [(e.period(at.x[at.model.place_of(e)]), e.columns) for e in named if isinstance(e, OfFreePeriod)]
+    for (one, columns), (other, same) in combinations(periods, 2):
+        if columns == same and 1 / _BEAT < one / other < _BEAT:
+            return columns
+    for effect in named:
+        for slow in (slow for form in forms_of(effect, at.model.effects) for slow in form.over):
+            if slow.column not in effect.columns and _has_sign_of(effect, slow.column, at.model.formulation.data):
+                return (slow.column,)
+    return ()
+
+
+def _has_sign_of(effect: Effect, column: str, data: MeasuredData) -> bool:
+    """Return whether a direction that an effect reads is that of a velocity."""
+    if not (data.has(column) and all(map(data.has, effect.columns))):
+        return False
+    sign = np.sign(np.asarray(data[column], dtype=float))
+    return len(np.unique(sign)) > 1 and any(np.mean(sign == data[one]) > _SIGN for one in effect.columns)
 
 
 def _causes_of(findings: Sequence[Finding], effects: Mapping[str, Effect], part: Callable[[str], str]) -> int:
@@ -175,12 +203,8 @@ def accounts(
                 columns[name] = Component("", name, "", (name,), (low,), (high,), _WAVES, levels)
     # a function of a direction is one of the velocity that has this sign
     own: dict[str, set[str]] = {name_of(e): set() for e in named}
-    for name in columns:
-        sign = np.sign(np.asarray(data[name], dtype=float))
-        turns = len(np.unique(sign)) > 1
-        for e in named:
-            if name in e.columns or (turns and any(np.mean(sign == data[c]) > _SIGN for c in e.columns)):
-                own[name_of(e)].add(name)
+    for e in named:
+        own[name_of(e)].update(name for name in columns if name in e.columns or _has_sign_of(e, name, data))
     for effect, values in part.changes:
         y = values - values.mean()
         for name, one in columns.items():

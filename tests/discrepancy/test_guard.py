@@ -94,6 +94,18 @@ def test_waves_of_a_free_period_wait_for_a_second_set() -> None:
     assert not plainly(said)
 
 
+def test_two_waves_of_nearly_one_period_are_a_beat_and_no_two_causes() -> None:
+    said = told("foreign", 980057)
+    assert (said["cause"], said["verdict"]) == ("beat", "partly")
+    assert [Doubt.ONE_CAUSE in f["caution"] for f in said["findings"]] == [True, True]
+
+
+def test_play_whose_size_goes_with_the_velocity_may_be_friction() -> None:
+    said = told("foreign", 980042)
+    assert (said["cause"], said["verdict"]) == ("stribeck", "partly")
+    assert [(f["effect"], f["caution"]) for f in said["findings"]] == [("backlash d", [Doubt.ONE_CAUSE])]
+
+
 @pytest.mark.parametrize(("machine", "cause"), [("gpm2002", "drift"), ("arm", "backlash"), ("mount", "slip")])
 def test_a_cause_in_a_form_of_its_own_keeps_its_name_without_a_caution(machine: str, cause: str) -> None:
     said = told("off_form", 915002, machine=machine, cause=cause)
