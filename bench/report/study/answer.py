@@ -182,7 +182,7 @@ def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within:
                 f"value alone on no problem; {goal}."
             )
         others = cells.assign(first=ranking.places(cells) == 1).groupby(METHOD)["first"].sum()
-        by_place = "comes first by its mean place, and " if others.max() > firsts else ""
+        by_place = "comes first by its mean place, and " if (others >= firsts).sum() > 1 else ""
         return (
             f"{within}, {called[first]} {by_place}has the lowest median value on {firsts} of "
             f"{counted(len(mine), 'problem')}; {goal}."
