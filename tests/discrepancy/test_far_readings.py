@@ -114,6 +114,14 @@ def test_a_burst_of_bad_rows_is_told_by_its_rows(tracked: bool) -> None:
         assert "rows stand out" in headline(report)
 
 
+@pytest.mark.parametrize(("first", "verdict"), [(150, "noise"), (234, "unknown")])
+def test_a_burst_is_noise_if_it_ends_within_the_run(first: int, verdict: str) -> None:
+    data, error = five_bar(240, 5, tracked=True, moved=0.0, repeats=2), np.zeros(240)
+    error[first : first + 6] = 12 * 5e-5 * np.array([1, -1, 1, -1, 1, -1])
+    report = explain("gpm2002", data.with_columns({"enc_2": data["enc_2"] + error}))
+    assert (report.verdict, _rows(report)) == (verdict, {*range(first + 1, first + 7)})
+
+
 def test_none_is_not_said_of_an_error_of_twice_the_noise() -> None:
     data = five_bar(300, 7, tracked=False, moved=0.0, repeats=1)
     stated = MeasuredData(data.columns, "gpm2002", {**data.metadata, "sigma_enc": 5e-5 / 2.2}, "half")
