@@ -12,7 +12,7 @@ from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, ndtr, stdtr
+from scipy.special import gammaln, ndtr, stdtr, stdtrit
 
 from calibench.discrepancy.diagnostics.smooth_term import curve, smooth_columns
 from calibench.discrepancy.fitting.fit import PLACE, Fit, linearise, readings_of
@@ -134,6 +134,9 @@ _GAP = 2  # rows from one to the next within a run
 _OF_RUN = 0.5  # of the rows of a run, at least, are far off
 _LONGEST = 0.2  # of all rows: more are no run
 _FEWEST = 20  # rows
+_NEARER, _GAUSS = 0.98, 1e6  # part of the readings, and degrees of freedom of a t law that is a Gaussian
+_APART, _BETWEEN = 1e-5, 0.05  # chances, over all rows, of rows that lie apart, and of others that would lie in between
+_APART_OF, _CLOSE = 100, 3  # rows, at least, and rows to the next one of the same burst
 
 
 def standing_out(final: Fit, unseen: Formulation | None) -> Standing | None:
@@ -208,8 +211,9 @@ def _core(r: Array) -> float:
 def standing_rows(r: Array, sound: Mask) -> Rows:
     """Return the rows that stand out of whitened residuals r, (n, c), in the order of their time, beside `sound` ones.
 
-    A row stands out by itself, or with others close to it: the furthest of all rows, as many as they are, lie anywhere
-    if they are noise, so how many of them lie in a window has a hypergeometric law, whatever the law of the noise is.
+    A row stands out by itself, also where a law of heavy tails would have it; or with others close to it: the furthest
+    of all rows, as many as they are, lie anywhere if they are noise, so how many of them lie in a window has a
+    hypergeometric law, whatever the law of the noise is.
     """
     n, flat = int(sound.sum()), r[sound][r[sound] != 0]
     if n < _FEWEST or len(flat) < _FEWEST:
@@ -227,7 +231,7 @@ def standing_rows(r: Array, sound: Mask) -> Rows:
     p = -np.expm1(r.shape[1] * np.log1p(-np.minimum(beyond.min(axis=1), 1 - 1e-12)))
     p = np.where(sound, p, 1.0)
     size = np.abs(r).max(axis=1) / _core(r[sound])
-    chosen = p * n < _ALONE
+    chosen = (p * n < _ALONE) | _apart(r, sound)
     cuts = [np.partition(p[sound], k)[k] for k in sorted({max(2, int(share * n)) for share in _FURTHEST})]
     widths = [width for width in _WINDOWS if width <= len(p)]
     for cut in (*_FAR, *cuts):
@@ -248,6 +252,32 @@ def standing_rows(r: Array, sound: Mask) -> Rows:
                     within = np.arange(ends[0], ends[-1] + 1)
                     chosen[within] |= p[within] < _NEAR
     return np.flatnonzero(chosen) if (chosen | ~sound).mean() <= _LONGEST else np.empty(0, dtype=int)
+
+
+def _apart(r: Array, sound: Mask) -> Mask:
+    """Return the rows far beyond the law that the nearer readings tell, if no others but close ones lie in between.
+
+    One wild row makes any law of all readings one of heavy tails, which explains it. A law that is told by the nearer
+    ones (by the likelihood of a sample cut at `_NEARER`) does not; and where noise has heavy tails, some rows lie
+    between the far and the near ones.
+    """
+    sizes = np.sort(np.abs(r[sound][r[sound] != 0]))
+    if int(sound.sum()) < _APART_OF or not sizes.size:
+        return np.zeros(len(r), dtype=bool)
+    nearer = sizes[: int(_NEARER * len(sizes))]
+    likely, p = -np.inf, np.ones(len(r))
+    for degrees in (*TAILS, _GAUSS):
+        core = float(np.median(sizes)) / stdtrit(degrees, 0.75)
+        inside = -(degrees + 1) / 2 * np.log1p((nearer / core) ** 2 / degrees)
+        inside += gammaln((degrees + 1) / 2) - gammaln(degrees / 2) - 0.5 * np.log(np.pi * degrees) - np.log(core)
+        beyond = (len(sizes) - len(nearer)) * np.log(2 * stdtr(degrees, -nearer[-1] / core))
+        if inside.sum() + beyond > likely:
+            likely = inside.sum() + beyond
+            p = int(sound.sum()) * 2 * r.shape[1] * stdtr(degrees, -np.abs(r).max(axis=1) / core)
+    far = (p < _APART) & sound
+    close = np.convolve(far, np.ones(2 * _CLOSE + 1), mode="same") > 0
+    others = p[sound & ~close]
+    return far if others.size and others.min() > _BETWEEN else np.zeros(len(r), dtype=bool)
 
 
 def _choose(n: int, k: Rows) -> Array:

@@ -122,6 +122,13 @@ def test_a_burst_is_noise_if_it_ends_within_the_run(first: int, verdict: str) ->
     assert (report.verdict, _rows(report)) == (verdict, {*range(first + 1, first + 7)})
 
 
+def test_one_wild_row_is_told_where_no_pose_is_read_again() -> None:
+    data, error = five_bar(240, 5, tracked=True, moved=0.0, repeats=1), np.zeros(240)
+    error[100] = 20 * 5e-5
+    report = explain("gpm2002", data.with_columns({"enc_2": data["enc_2"] + error}))
+    assert (report.verdict, _rows(report)) == ("noise", {101})
+
+
 def test_none_is_not_said_of_an_error_of_twice_the_noise() -> None:
     data = five_bar(300, 7, tracked=False, moved=0.0, repeats=1)
     stated = MeasuredData(data.columns, "gpm2002", {**data.metadata, "sigma_enc": 5e-5 / 2.2}, "half")
