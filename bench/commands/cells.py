@@ -22,7 +22,8 @@ def best_of(summary: Mapping[Any, list[Any]], most: int) -> dict[Any, list[Any]]
     tasks = list(zip(*(summary[name] for name in PROBLEM), strict=True))
     each = most // len(set(tasks))
     taken, kept = Counter[tuple[Any, ...]](), []
-    for i in order_of(_with_methods(summary)).tolist():
+    methods = names_of_methods(zip(summary["optimizer"], summary["optimizer_options"], strict=True))
+    for i in order_of({**summary, "method": methods}).tolist():
         if taken[tasks[i]] < each:
             taken[tasks[i]] += 1
             kept.append(i)
@@ -30,7 +31,8 @@ def best_of(summary: Mapping[Any, list[Any]], most: int) -> dict[Any, list[Any]]
 
 
 def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> None:
-    named = _with_methods(summary)
+    methods = names_of_methods(zip(summary["optimizer"], summary["optimizer_options"], strict=True))
+    named = {**summary, "method": methods}
     order = order_of(named).tolist()
     cells = {name: [column[i] for i in order] for name, column in named.items()}
     rows = [dict(zip(cells, row, strict=True)) for row in zip(*cells.values(), strict=True)]
@@ -72,11 +74,6 @@ def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> N
     if any(runs_once(row["optimizer"], row["optimizer_options"], str(row["start"])) for row in one):
         legend += [ONE_RUN]
     print("; ".join(legend), end="\n\n" if legend else "\n")
-
-
-def _with_methods(summary: Mapping[Any, list[Any]]) -> dict[Any, list[Any]]:
-    methods = names_of_methods(zip(summary["optimizer"], summary["optimizer_options"], strict=True))
-    return {**summary, "method": methods}
 
 
 def _or_dash(value: float, form: str) -> str:

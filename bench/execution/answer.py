@@ -86,21 +86,8 @@ def offered(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([runs, pd.DataFrame(columns)], axis=1)
 
 
-def medians(cell: pd.DataFrame) -> dict[str, float]:
-    """Return of each ``merit.KEY`` over the runs of a cell the median, or of flags the share."""
-    import pandas as pd
-
-    found = {}
-    for key in (key for key in cell.columns if key.startswith(PREFIX)):
-        if pd.api.types.is_bool_dtype(cell[key]):
-            found[f"{key}_share"] = float("nan") if cell[key].isna().all() else float(cell[key].mean())
-        elif pd.api.types.is_float_dtype(cell[key]):
-            found[f"{key}_median"] = float(cell[key].median())
-    return found
-
-
 def heading(key: str) -> str:
-    """Return the title of a column of `medians`.
+    """Return the title of a column of figures of merit of a cell (`bench.statistics.summary`).
 
     >>> heading("merit.overshoot_median"), heading("merit.stable_share")
     ('overshoot, median', 'stable, share')

@@ -56,19 +56,26 @@ def forget_finished(folder: Path | str, finished: Container[str]) -> None:
         (Path(folder) / "replay").rmdir()
 
 
-def check_inner(problem: Any, optimizer: Any, inner: Any) -> None:
-    """Raise `ValueError`, one line, where the batches of this run cannot be evaluated by `inner` processes."""
+def check_costly(problem: Any, optimizer: Any, inner: Any, replay: ReplayFolder | None) -> None:
+    """Raise `ValueError`, one line, where `inner` processes cannot evaluate the batches of this run, or where `replay`
+    always is asked for and cannot be."""
     if isinstance(inner, bool) or not isinstance(inner, int) or inner < 1:
         raise ValueError(f"inner={inner}: a number of processes, 1 or more, is needed")
+    who, noisy = name_of(problem), is_stochastic(problem)
+    if replay is not None and replay.always and noisy and getattr(problem, "seeded", None) is not None:
+        raise ValueError(
+            f"replay=true: problem {who} is stochastic and keeps its generator itself (seeded), which cannot be put to "
+            "where it was; draw from self.rng instead"
+        )
     if inner == 1:
         return
-    traits, who = getattr(optimizer, "traits", None), name_of(problem)
+    traits = getattr(optimizer, "traits", None)
     if not getattr(traits, "batches", False):
         raise ValueError(
             f"inner={inner}: {name_of(optimizer)} asks for one point at a time; methods with batches: "
             f"{', '.join(with_batches())}"
         )
-    if is_stochastic(problem):
+    if noisy:
         raise ValueError(f"inner={inner}: problem {who} is stochastic and draws its noise in the order of its calls")
     if getattr(problem, "batch", None) is not None and getattr(problem, "splits_batches", False) is not True:
         raise ValueError(
@@ -89,16 +96,6 @@ def with_batches() -> list[str]:
             continue
         found += [name] if traits.batches else []
     return found
-
-
-def check_replay(problem: Any, replay: ReplayFolder | None) -> None:
-    """Raise `ValueError`, one line, where `replay` always is asked for and cannot be."""
-    noisy = is_stochastic(problem) and getattr(problem, "seeded", None) is not None
-    if replay is not None and replay.always and noisy:
-        raise ValueError(
-            f"replay=true: problem {name_of(problem)} is stochastic and keeps its generator itself (seeded), which "
-            "cannot be put to where it was; draw from self.rng instead"
-        )
 
 
 @contextmanager

@@ -76,11 +76,7 @@ def load_kernels(specs: Iterable[Spec], fork: bool = True, compiling: Callable[[
                 if part is None:
                     continue
                 digest_of(part)
-                if not of_methods:
-                    compile_problem(part, *(made.get(method) for method in beside[word]))
-                    _load_around(part)
-                elif extra_of(part, "compile"):
-                    part.compile()
+                _compile([(part, [made.get(method) for method in beside.get(word, ())])])
         gate_digest()
         provenance()
         if not all(is_own(registry, name) for registry, name, _ in parts.values()):
@@ -116,20 +112,16 @@ def _needed(part: Part) -> str:
 
 
 def _compile(parts: Sequence[tuple[Any, Sequence[Any]]]) -> None:
+    """Load problems, with the methods that run on each and all that a run needs beside its calls, and optimisers."""
     for part, methods in parts:
         with suppress(Exception):  # the rows of its runs will have the error
             if methods:
                 compile_problem(part, *methods)
-                _load_around(part)
+                Evaluator(part, 1).close()  # what looks through a batch
+                if extra_of(part, "merit"):
+                    part.merit(part.start)
             elif extra_of(part, "compile"):
                 part.compile()
-
-
-def _load_around(problem: Any) -> None:
-    """Load what runs need beside the calls of a problem: what looks through a batch, and what judges the answer."""
-    Evaluator(problem, 1).close()
-    if extra_of(problem, "merit"):
-        problem.merit(problem.start)
 
 
 def is_own(registry: Registry[Any], name: str) -> bool:

@@ -19,7 +19,7 @@ import numpy as np
 from calibench import optimizers, problems
 from calibench.bench.execution import request as asking
 from calibench.bench.execution.answer import Answer, answer_of, asks, merit_of, place_of_answer
-from calibench.bench.execution.costly import ReplayFolder, around, check_inner, check_replay
+from calibench.bench.execution.costly import ReplayFolder, around, check_costly
 from calibench.bench.execution.in_progress import Name, followed
 from calibench.bench.execution.request import Array, Asked, Start, is_stochastic, seeded
 from calibench.bench.execution.run_row import SCHEMA_VERSION, RunRow
@@ -103,8 +103,7 @@ class Spec:
         foreign = [module for registry, name in both for module in asking.foreign_modules(registry, name)]
         with one_thread(), _own_state(foreign) as state:
             pair = asking.made_pair(self.problem, self.problem_options, self.optimizer, self.optimizer_options)
-            check_inner(pair.problem, pair.optimizer, inner)
-            check_replay(pair.problem, replay)
+            check_costly(pair.problem, pair.optimizer, inner, replay)
             yield asking.read_asked(
                 pair, self.budget, self.repetition, start=self.start, target=self.target, time_limit=self.time_limit,
                 inner=inner, replay=replay,
@@ -232,8 +231,7 @@ def execute(
         asked = asking.read_asked(
             pair, budget, seed, start=start, target=target, time_limit=time_limit, inner=inner, replay=replay
         )
-        check_inner(problem, optimizer, inner)
-        check_replay(problem, replay)
+        check_costly(problem, optimizer, inner, replay)
         if not CAN_FORK or not (time_limit is not None or pair.may_hang):
             return make_run(asked, state, None if time_limit is None else Watch(Mirror(), time_limit))
         return _run_of_object(asked, state, time_limit)

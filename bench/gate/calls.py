@@ -64,8 +64,14 @@ def calls_of(problem: Any) -> Calls:
             value=value, fixed=fixed, again=again, batch=batch, below=below, residuals=residuals, jacobian=jacobian,
             gradient=gradient, joint=joint,
         )  # fmt: skip
+    array, ndarray, double = np.array, np.ndarray, np.dtype(np.float64)
+
+    def on_a_copy(x: Array, _: Any) -> float:
+        value = ask(array(x) if type(x) is ndarray and x.dtype is double else array(x, double))
+        return value if type(value) is float else _as_float(value)
+
     return Calls(
-        value=_number(ask),
+        value=on_a_copy,
         fixed=None,
         again=raise_again,
         batch=batch and (lambda points: _numbers(batch(_copy(points)), len(points))),
@@ -83,18 +89,6 @@ _copy = partial(np.array, dtype=np.float64)
 def raise_again(_x: Array) -> float:
     """Raise the exception that is being handled."""
     raise
-
-
-def _number(function: Any) -> Any:
-    """Return `function`, x -> value, as the gate calls it: it cannot change what the optimiser holds, gives a float."""
-
-    array, ndarray, double = np.array, np.ndarray, np.dtype(np.float64)
-
-    def on_a_copy(x: Array, _: Any) -> float:
-        value = function(array(x) if type(x) is ndarray and x.dtype is double else array(x, double))
-        return value if type(value) is float else _as_float(value)
-
-    return on_a_copy
 
 
 def _numbers(values: Any, count: int) -> Array:

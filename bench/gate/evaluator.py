@@ -117,12 +117,6 @@ class Evaluator:
 
     def single_call(self) -> Callable[[Array], float]:
         """Return `__call__` as a plain function, which is faster to call often, because it looks up no attribute."""
-        call, ask = self._single_call()
-        self._asked_by.append(ask)
-        return call
-
-    def _single_call(self) -> tuple[Callable[[Array], float], Callable[[Calls], None]]:
-        """Return that function, and another one that makes it call the problem by other `Calls`."""
         gate, function, fixed, again = self, self._function, self._fixed, self._again
 
         def ask(calls: Calls) -> None:
@@ -134,11 +128,16 @@ class Evaluator:
             if n < gate._next_event:
                 gate.evaluations = n
             else:
-                n = gate._admit_single()
+                n = gate._admit(plain=True)
             try:
                 value: float = function(x, fixed)
+            except Exception:
+                try:
+                    value = again(x)  # the slow way, as a kernel refuses what is not an array as it takes it
+                except BaseException as error:
+                    gate._fail(error)
             except BaseException as error:
-                value = gate._ask_again(again, x, error)
+                gate._fail(error)
             if gate.best_value <= value < inf:  # as nearly all are
                 return value
             if -inf < value < gate.best_value:
@@ -148,52 +147,41 @@ class Evaluator:
                 return inf
             return value
 
-        return call, ask
+        self._asked_by.append(ask)
+        return call
 
     def batch(self, points: Array) -> Array:
         """Return the values, shape (k,), of `points`, shape (k, dim); as many as the budget allows, then `Stop`."""
-        function, shape = self._batch, points.shape if type(points) is _ARRAY else ()
-        if len(shape) == 2 and shape[1] == self.dimension and function is not None:
-            n = self.evaluations + shape[0]
-            if n < self._next_event:  # as nearly always
-                self.evaluations = n
-                self.batch_evaluations += shape[0]
-                try:
-                    values: Array = function(points)
-                except BaseException as error:
-                    self._fail(error)
-                found = self._scan(values, self.best_value)
-                return values if found == _NONE else self._take(points, values, found, n - shape[0])
-        return self._ask(function, points)
+        return self._ask(self._batch, points)
 
     def batch_below(self, points: Array, limits: Array) -> Array:
         """Return the values of `points`, shape (k, dim), that are below `limits`, shape (k,); others are not below.
 
         All else is as `batch`. An abandoned value is never a best; whether it would have been finite is not known.
         """
-        below = self._below
-        if below is None:
+        if self._below is None:
             return self.batch(points)
         # a limit below the best, or an infinite one: values may change the best
         if self._scan(limits, self.best_value) != _NONE:
             limits = np.maximum(limits, self.best_value)
+        return self._ask(self._below, points, limits)
+
+    def _ask(self, function: Any, points: Array, *limits: Array) -> Array:
+        """Return `function` of `points` and of their `limits`, if any; `function` is None of a problem without one."""
         shape = points.shape if type(points) is _ARRAY else ()
-        if len(shape) == 2 and shape == (len(limits), self.dimension):
+        is_ours = len(shape) == 2 and shape[1] == self.dimension
+        if is_ours and function is not None and (not limits or len(limits[0]) == shape[0]):
             n = self.evaluations + shape[0]
-            if n < self._next_event:
+            if n < self._next_event:  # as nearly always
                 self.evaluations = n
                 self.batch_evaluations += shape[0]
                 try:
-                    values: Array = below(points, limits)
+                    values: Array = function(points, *limits)
                 except BaseException as error:
                     self._fail(error)
                 found = self._scan(values, self.best_value)
                 return values if found == _NONE else self._take(points, values, found, n - shape[0])
-        return self._ask(lambda some: below(some, limits[: len(some)]), points)
-
-    def _ask(self, function: Any, points: Array) -> Array:
-        """Return `function` of `points`, the slow way: for foreign arrays, and where an event may happen on the way."""
-        if type(points) is not _ARRAY or points.ndim != 2 or points.shape[1] != self.dimension:
+        if not is_ours:  # a foreign array
             own = np.array(points, dtype=np.float64)  # of ours, whatever they say of themselves
             points = own.reshape(0, self.dimension) if own.shape == (0,) else own
             if points.ndim != 2 or points.shape[1] != self.dimension:
@@ -214,7 +202,7 @@ class Evaluator:
             self.batch_evaluations += allowed
             n = self.evaluations
         try:
-            values: Array = function(points[:allowed])
+            values = function(points[:allowed], *(limit[:allowed] for limit in limits))
         except BaseException as error:
             self._fail(error)
         with self._lock:
@@ -394,15 +382,6 @@ class Evaluator:
 
     __copy__ = __deepcopy__
 
-    def _ask_again(self, again: Callable[[Array], float], x: Array, error: BaseException) -> float:
-        """Return the value at x by the slow way, as a kernel refuses what is not an array as it takes it."""
-        try:
-            if isinstance(error, Exception):
-                return again(x)
-        except BaseException as raised:
-            error = raised
-        return self._fail(error)
-
     def _fail(self, error: BaseException) -> NoReturn:
         """Raise what the problem raised, and keep the first such: it ends the run, whoever swallows it."""
         if not isinstance(error, Stop):
@@ -411,18 +390,17 @@ class Evaluator:
                 self._next_event = self._next_news = 0
         raise error
 
-    def _admit_single(self) -> int:
-        """Do as `_admit` for a call that changes nothing but the count of evaluations."""
-        if self._next_news and perf_counter() <= self.deadline:
+    def _admit(self, plain: bool = False) -> int:
+        """Return the number of the next evaluation, after what is due before it; raise `Stop` where there is none.
+
+        A `plain` call changes nothing but the count of evaluations.
+        """
+        if plain and self._next_news and perf_counter() <= self.deadline:
             n = self.evaluations + 1
             if n < self._next_news:
                 self.evaluations = n
                 self._shown[0] = self.evaluations  # another thread's count, where that came later
                 return n
-        return self._admit(plain=True)
-
-    def _admit(self, plain: bool = False) -> int:
-        """Return the number of the next evaluation, after what is due before it; raise `Stop` where there is none."""
         with self._lock:
             while True:
                 self._hold(1)

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
+from operator import attrgetter
 from typing import Any, NoReturn, final
 
 import numpy as np
@@ -146,24 +147,16 @@ class _Face:
         return [*KNOWN, *METHODS]
 
 
-def _live(name: str) -> property:
+def _copied(name: str, face: Any) -> Any:
     """Return a value of the gate that nobody can change: a list as a tuple, an array as a copy without writing."""
-    if name in NUMBERS:
-        return property(lambda face: getattr(face._gate, name))
-
-    def read(face: Any) -> Any:
-        value = getattr(face._gate, name)
-        if isinstance(value, list):
-            return tuple(value)
-        if isinstance(value, np.ndarray):
-            return value.view() if name in FIXED else np.frombuffer(value.tobytes())
-        return value
-
-    return property(read)
+    value = getattr(face._gate, name)
+    if isinstance(value, np.ndarray):
+        return value.view() if name in FIXED else np.frombuffer(value.tobytes())
+    return tuple(value) if isinstance(value, list) else value
 
 
 for _name in KNOWN:
-    setattr(_Face, _name, _live(_name))
+    setattr(_Face, _name, property(attrgetter(f"_gate.{_name}") if _name in NUMBERS else partial(_copied, _name)))
 
 
 @cache

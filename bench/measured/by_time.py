@@ -40,34 +40,30 @@ def ros_columns(text: str) -> Columns | None:
             words = next((k for k, cell in enumerate(row[3:]) if _NUMBER.fullmatch(cell.strip())), len(row) - 3)
             split.append(([one.strip() for one in row[3 : 3 + words]], [cell.strip() for cell in row[3 + words :]]))
         most, numbers = max(len(words) for words, _ in split), max(len(values) for _, values in split)
-        if most > 1 or (most == 1 and numbers <= 3):
-            return _named({"t_s": seconds} | _by_name(split))
-        axes = _SIZES[7] if numbers >= 7 else _SIZES.get(numbers)
-        if axes is None:
+        if not (most > 1 or (most == 1 and numbers <= 3)):
+            axes = _SIZES[7] if numbers >= 7 else _SIZES.get(numbers)
+            if axes is None:
+                return None
+            split = [([*axes], values[: len(axes)]) for _, values in split]
+        columns: dict[str, Any] = {"t_s": seconds} | _by_name(split)
+    else:
+        heads = [head.strip() for head in next(csv.reader([first]), [])]
+        if (times := _stamps(heads)) is None:
             return None
-        return _named({"t_s": seconds} | _by_name([([*axes], values[: len(axes)]) for _, values in split]))
-    heads = [head.strip() for head in next(csv.reader([first]), [])]
-    times = _stamps(heads)
-    if times is None:
-        return None
-    rows = [row for row in csv.reader(text.splitlines()[1:]) if len(row) == len(heads)]
-    cells = dict(zip(heads, zip(*rows, strict=True), strict=True)) if rows else {}
-    if not cells:
-        return None
-    seconds = np.zeros(len(rows))
-    for head, unit in times.items():
-        seconds = seconds + unit * np.array([float(cell or "nan") for cell in cells[head]])
-    columns: dict[str, Any] = {"t_s": seconds} | _joints_of(cells)
-    for head in heads:
-        parts = re.split(r"[./]", head.lower())
-        of = parts[-2] if len(parts) > 1 else ""
-        if (of in _OF_PLACE and parts[-1] in POSITION) or (of in _OF_TURN and parts[-1] in "xyzw"):
-            name = parts[-1] if of in _OF_PLACE else f"q{parts[-1]}"
-            columns[name] = np.array([float(cell or "nan") for cell in cells[head]])
-    return _named(columns)
-
-
-def _named(columns: dict[str, Any]) -> Columns:
+        rows = [row for row in csv.reader(text.splitlines()[1:]) if len(row) == len(heads)]
+        if not rows:
+            return None
+        cells = dict(zip(heads, zip(*rows, strict=True), strict=True))
+        seconds = np.zeros(len(rows))
+        for head, unit in times.items():
+            seconds = seconds + unit * np.array([float(cell or "nan") for cell in cells[head]])
+        columns = {"t_s": seconds} | _joints_of(cells)
+        for head in heads:
+            parts = re.split(r"[./]", head.lower())
+            of = parts[-2] if len(parts) > 1 else ""
+            if (of in _OF_PLACE and parts[-1] in POSITION) or (of in _OF_TURN and parts[-1] in "xyzw"):
+                name = parts[-1] if of in _OF_PLACE else f"q{parts[-1]}"
+                columns[name] = np.array([float(cell or "nan") for cell in cells[head]])
     text = f"a file of ROS, {len(columns['t_s'])} messages: {', '.join(name for name in columns if name != 't_s')}"
     units = {"t_s": "s"} | {axis: "m" for axis in POSITION if axis in columns}
     return Columns(columns, notes=(Note(Code.FILE, text),), units=units)
@@ -154,11 +150,14 @@ def by_time(contents: Mapping[str, Columns], gap: float = GAP) -> Columns | None
                 continue
             if name in columns:
                 raise DataError(f"{file}: column {name} is in {poses} too; rename one")
-            values, there, stands = _at_times(times[file], np.asarray(column, dtype=float), at, gap)
+            column = np.asarray(column, dtype=float)
+            values, there, stands = _at_times(times[file], column, at, gap)
             columns[name] = values
             found |= there
             still &= stands
-            stand += np.cumsum(_moved(values, np.asarray(column, dtype=float)))
+            if np.isfinite(column).any():  # a stand ends where the joint moved on
+                way = 5 * _STILL * max(float(np.nanmax(column) - np.nanmin(column)), 1e-12)
+                stand += np.cumsum(np.abs(np.diff(values, prepend=values[:1])) > way)
         known &= found
         units |= {name: unit for name, unit in contents[file].units.items() if name in columns}
     kept = known & still
@@ -200,12 +199,6 @@ def _at_times(times: Array, column: Array, at: Array, gap: float) -> tuple[Array
     for end in ends:  # nor was it elsewhere at either end
         stands &= np.abs(values[end] - found) <= way
     return np.where(there, found, np.nan), there, np.where(close, stands, True)
-
-
-def _moved(values: Array, column: Array) -> Mask:
-    """Return before which rows a joint moved on, (n,)."""
-    way = 5 * _STILL * max(float(np.nanmax(column) - np.nanmin(column)), 1e-12) if np.isfinite(column).any() else np.inf
-    return np.abs(np.diff(values, prepend=values[:1])) > way
 
 
 def _of_stands(columns: Mapping[str, Any], kept: Mask, stand: Index) -> dict[str, Any]:

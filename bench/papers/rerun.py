@@ -39,10 +39,9 @@ from calibench.core.words import print_plain as print
 class Paper(Protocol):
     """A paper's module: its key, the prepared studies that rerun it, and its rows."""
 
-    @property
-    def KEY(self) -> str: ...
-    @property
-    def STUDIES(self) -> Sequence[str]: ...
+    KEY: str
+    STUDIES: tuple[str, ...]
+
     def rows(self, evidence: Evidence, /) -> Iterator[Row]: ...
 
 

@@ -60,8 +60,7 @@ def compare(
     """
     matched, only = _matched(first, second, methods is not None)
     # the runs to compare, and whether they are pairs: as where half of the larger side has a partner
-    sides: list[tuple[pd.DataFrame, pd.DataFrame, bool]] = []
-    sides += [partners(a, b) for a, b, _ in matched]
+    sides = [partners(a, b) for a, b, _ in matched]
     results = [two_sides(*side, by) for side in sides]
     rows = []
     for (a, b, other_options), side, result, (p, verdict, why) in zip(
@@ -326,7 +325,7 @@ def _sign(difference: Array) -> float:
     return float(binomtest(int((apart > 0).sum()), len(apart)).pvalue) if apart.size else 1.0
 
 
-def a12(first: Array, second: Array, paired: bool = False, level: float = 0.95) -> Effect:
+def a12(first: Array, second: Array, paired: bool = False) -> Effect:
     """Return the effect of `first` over `second`, scores of shapes (n, 2) and (m, 2), `paired` or not."""
     from scipy.stats import norm, t
 
@@ -347,11 +346,11 @@ def a12(first: Array, second: Array, paired: bool = False, level: float = 0.95) 
         below = parts[0] ** 2 / (n - 1) + parts[1] ** 2 / (m - 1)
         freedom = variance**2 / below if below else float(min(n, m) - 1)
     if not 0 < effect < 1 or variance <= 0:  # what complete separation of n runs still allows: Wilson's interval
-        k, z2 = min(n, m), float(norm.ppf((1 + level) / 2)) ** 2
+        k, z2 = min(n, m), float(norm.ppf(1 - LEVEL / 2)) ** 2
         middle = (effect + z2 / (2 * k)) / (1 + z2 / k)
         reach = np.sqrt(z2 * (effect * (1 - effect) / k + z2 / (4 * k * k))) / (1 + z2 / k)
         return Effect(effect, max(0.0, float(middle - reach)), min(1.0, float(middle + reach)))
     middle = np.log(effect / (1 - effect))
-    reach = float(t.ppf((1 + level) / 2, freedom)) * np.sqrt(variance) / (effect * (1 - effect))
+    reach = float(t.ppf(1 - LEVEL / 2, freedom)) * np.sqrt(variance) / (effect * (1 - effect))
     low, high = (1 / (1 + np.exp(-(middle + side * reach))) for side in (-1, 1))
     return Effect(effect, float(low), float(high))

@@ -291,16 +291,11 @@ def show_progress(folder: Path | None = None) -> Iterator[Report]:
     """Yield a report(done, of, label) to call as runs end; of the study in `folder` runs in progress are told too."""
     python = sys.modules.get("IPython")
     shell = None if python is None else python.get_ipython()
-    if type(shell).__name__ == "ZMQInteractiveShell":  # a notebook; IPython in a terminal has a terminal's bar
-        display: Callable[..., Any] = import_module("IPython.display").display
-        bar_there = _NotebookBar(display)
-        with _looking(folder, _LOOK, bar_there.running):
-            yield bar_there.report
-        return
-    if not sys.stderr.isatty():
-        log = _Log()
-        with _looking(folder, _LOG, log.running):
-            yield log.report
+    is_notebook = type(shell).__name__ == "ZMQInteractiveShell"  # IPython in a terminal has a terminal's bar
+    if is_notebook or not sys.stderr.isatty():
+        shown = _NotebookBar(import_module("IPython.display").display) if is_notebook else _Log()
+        with _looking(folder, _LOOK if is_notebook else _LOG, shown.running):
+            yield shown.report
         return
     from rich import progress as rich
     from rich.console import Console

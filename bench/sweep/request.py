@@ -22,7 +22,7 @@ from typing import Any, final
 
 from calibench import problems
 from calibench.bench.execution import request as asking
-from calibench.bench.execution.costly import ReplayFolder, check_inner, check_replay
+from calibench.bench.execution.costly import ReplayFolder, check_costly
 from calibench.bench.execution.request import is_stochastic
 from calibench.bench.execution.run import Spec
 from calibench.bench.gate.endings import text_of
@@ -146,8 +146,7 @@ def _request_of(study: str, sweeps: list[list[Any]], once: list[Any]) -> Request
                 every += members
                 files |= {m.name: m.place.rpartition(":")[0] for m in members if m.place != m.name}
                 if lost is None:
-                    check_inner(problem.built, method.built, inner)
-                    check_replay(problem.built, ReplayFolder(folder, always=of_all.replay is True))
+                    check_costly(problem.built, method.built, inner, ReplayFolder(folder, of_all.replay is True))
             codes[spec_id] = digests[pair]
             if lost is not None:
                 broken[spec_id] = lost.error_type, lost.error

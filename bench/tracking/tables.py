@@ -179,9 +179,7 @@ _REACHED = (
 )
 
 
-def query(
-    results: Path, text: str, words: Sequence[str] = ()
-) -> tuple[list[str], list[tuple[Any, ...]], list[LeftOut]]:
+def query(results: Path, text: str) -> tuple[list[str], list[tuple[Any, ...]], list[LeftOut]]:
     """Return names and rows of one SELECT over the views studies, runs, traces, hits, findings, gaps, calibrations.
 
     Raises `ValueError`, in one line, for anything that is no SELECT, and for what DuckDB does not take.
@@ -190,13 +188,14 @@ def query(
         import duckdb
     except ImportError:
         raise ValueError("sql: needs duckdb; pip install 'calibench[sql]'") from None
-    found = catalogue(results, words)
+    found = catalogue(results)
     files: dict[str, list[Path]] = {}
     left_out: list[LeftOut] = []
     for name in SCHEMAS:  # nothing is looked for of a table whose name does not stand in the text
         files[name], missing = files_of(results, found, name) if name in text.lower() else ([], [])
         left_out += missing
-    rows = [asdict(one) | {"study": _unicode(one.study)} for one in found]
+    texts = {one.study: one.study.encode(errors="replace").decode() for one in found}  # a file system takes any bytes
+    rows = [asdict(one) | {"study": texts[one.study]} for one in found]
     in_memory = {"studies": pa.Table.from_pylist(rows, _STUDIES)}
     if "calibrations" in text.lower():
         arms = []
@@ -204,7 +203,7 @@ def query(
             if entry.kind == "calibration" and entry.status != "damaged":
                 row = calibration_in(folder_of(results, entry))
                 if row is not None:
-                    arms.append(row | {"folder": _unicode(entry.study)})
+                    arms.append(row | {"folder": texts[entry.study]})
         in_memory["calibrations"] = pa.Table.from_pylist(arms, CALIBRATIONS_SCHEMA)
     try:
         try:
@@ -257,11 +256,6 @@ def _answer(
         return [column[0] for column in rows.description or ()], rows.fetchall()
 
 
-def _unicode(name: str) -> str:
-    """Return the name of a folder as text: a file system takes bytes that are none."""
-    return name.encode(errors="replace").decode()
-
-
 def _quoted(text: str) -> str:
     return "'" + text.replace("'", "''") + "'"
 
@@ -269,8 +263,9 @@ def _quoted(text: str) -> str:
 _ARROW: dict[Any, pa.DataType] = {int: pa.int64(), bool: pa.bool_()}  # any other is text
 
 
-def _arrow(kind: Any) -> pa.DataType:
-    return pa.list_(_arrow(get_args(kind)[0])) if get_origin(kind) is tuple else _ARROW.get(kind, _TEXT)
-
-
-_STUDIES = pa.schema([(one.name, _arrow(one.type)) for one in fields(Entry)])
+_STUDIES = pa.schema(
+    (one.name, pa.list_(_ARROW.get(get_args(one.type)[0], _TEXT)))
+    if get_origin(one.type) is tuple
+    else (one.name, _ARROW.get(one.type, _TEXT))
+    for one in fields(Entry)
+)

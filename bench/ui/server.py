@@ -390,9 +390,12 @@ class _Site:
                 began = time.monotonic()
                 try:
                     news = await run_in_threadpool(follower.look)
-                    yield as_event(news) if news is not None else b": nothing new\n\n"
                 except (ValueError, OSError) as error:  # it is being written, or is gone
-                    yield as_event({"error": " ".join(str(error).split())})
+                    news = {"error": " ".join(str(error).split())}
+                text = ": nothing new"
+                if news is not None:
+                    text = f"data: {json.dumps(news, separators=(',', ':'), allow_nan=False)}"
+                yield f"{text}\n\n".encode()
                 await anyio.sleep(max(_EVERY, 3 * (time.monotonic() - began)))
 
         return StreamingResponse(events(), media_type="text/event-stream")
@@ -658,7 +661,3 @@ def _stat(path: Path) -> tuple[str, int, int]:
 
 def _rounded(values: Array) -> list[float | None]:
     return [float(f"{v:.{_DIGITS}g}") if np.isfinite(v) else None for v in values.tolist()]
-
-
-def as_event(event: dict[str, Any]) -> bytes:
-    return f"data: {json.dumps(event, separators=(',', ':'), allow_nan=False)}\n\n".encode()

@@ -299,13 +299,13 @@ def test_an_exception_of_the_objective_comes_through_after_one_call():
 
 
 def test_a_batch_of_a_plain_class_is_asked_by_one_function_for_all_its_points(monkeypatch):
-    made, make = [], Evaluator._single_call
+    made, make = [], Evaluator.single_call
 
     def counted(gate):
         made.append(gate)
         return make(gate)
 
-    monkeypatch.setattr(Evaluator, "_single_call", counted)
+    monkeypatch.setattr(Evaluator, "single_call", counted)
     gate = Evaluator(Scalar(), budget=100)
     assert gate.batch(np.ones((40, 3))).tolist() == [3.0] * 40 == [gate(np.ones(3)) for _ in range(40)]
     assert len(made) == 1

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from calibench.bench.papers.ledger import Evidence, Printed, Row
 
 KEY = "cong2008"
-STUDIES = ("cong2008", "cong2008_plans", "cong2008_readings", "cong2008_circle")
+STUDIES: tuple[str, ...] = ("cong2008", "cong2008_plans", "cong2008_readings", "cong2008_circle")
 
 
 def rows(evidence: Evidence) -> Iterator[Row]:

@@ -330,10 +330,9 @@ def traces_of(traces: pd.DataFrame, panels: Sequence[pd.DataFrame]) -> list[pd.D
 
 def groups_of(runs: pd.DataFrame) -> pd.Series:
     """Return the group of each run's problem: its `problem_group`, where it declares one, else its name."""
-    if "problem_group" not in runs:
-        return runs["problem"].astype(str)
-    declared = runs["problem_group"].fillna("").astype(str)
-    return declared.where(declared != "", runs["problem"].astype(str))
+    names = runs["problem"].astype(str)
+    declared = runs["problem_group"].fillna("").astype(str) if "problem_group" in runs else names
+    return declared.where(declared != "", names)
 
 
 @cache

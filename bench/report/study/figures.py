@@ -164,7 +164,7 @@ def draw_convergence(
     for method in sorted(methods, key=lambda m: m in named):
         band = drawn[drawn["method"] == method]
         if method not in named:
-            label = _others(len(methods) - len(named))
+            label = counted(len(methods) - len(named), "other")
             axes.step(band["charged"], band["median"], where="post", color="0.75", lw=0.7, label=label)
             continue
         look = look_of(looks[method])
@@ -189,10 +189,6 @@ def draw_convergence(
         axes.set_ylim(bottom=seen[seen > 0].min() / 10)
         axes.annotate("a line that leaves here is at 0", (0.02, 0.02), xycoords="axes fraction", **_NOTE)
     axes.set_ylabel(known.axis)
-
-
-def _others(count: int) -> str:
-    return f"{count} other{'s' if count > 1 else ''}"
 
 
 def _set_scale(axes: Any, scale: str) -> None:
@@ -452,7 +448,7 @@ def draw_shares(axes: Axes, numbers: pd.DataFrame, runs: pd.DataFrame, over: Lit
     for i, method in enumerate(order):
         mine, named = numbers[(numbers["method"] == method) & np.isfinite(numbers[over])], i < _NAMED
         look = look_of(looks[method]) if named else {"color": "0.8", "lw": 0.7}
-        label = method if named else _others(len(order) - _NAMED) if i == _NAMED else None
+        label = method if named else counted(len(order) - _NAMED, "other") if i == _NAMED else None
         at, share = [1.0, *mine[over], most], [0.0, *mine["share"], mine["share"].max() if len(mine) else 0.0]
         axes.step(at, share, where="post", label=label, zorder=2.5 - 0.001 * i, **look)
     axes.set(xscale="log", ylim=(0, 1.02))
