@@ -147,13 +147,7 @@ class DhArm:
     def jacobian(self, p: Array, q: Array, free: Index | None = None, turns: bool = True) -> Array:
         """Return the derivative of the target's pose in the parameters `free`, as `kinematics.jacobian` has it."""
         chain, values = self._chain(p)
-        ways = self._ways(p, chain, values)
-        return np.asarray(
-            kinematics.jacobian(chain, values, q, turns=turns) @ (ways if free is None else ways[:, free])
-        )
-
-    def _ways(self, p: Array, chain: kinematics.Chain, values: Array) -> Array:
-        """Return the derivative of the chain's parameters in those of the table: no posture changes it."""
+        # the derivative of the chain's parameters in those of the table: no posture changes it
         place = {name: k for k, name in enumerate(self.names)}
         ways = np.zeros((len(values), len(self.names)))
         ways[range(6), range(6)] = ways[range(-6, 0), range(-6, 0)] = 1.0
@@ -185,7 +179,9 @@ class DhArm:
                         column[:3] = cross(along, six[:3] - at[:3, 3])
                         column[3:] = np.linalg.solve(about, along)
                 at = at @ step
-        return ways
+        return np.asarray(
+            kinematics.jacobian(chain, values, q, turns=turns) @ (ways if free is None else ways[:, free])
+        )
 
     def _chain(self, p: Array) -> tuple[kinematics.Chain, Array]:
         """Return the chain of the corrected table, and the vector of what remains: base, tool, gains."""

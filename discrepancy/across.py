@@ -233,8 +233,7 @@ def _gains(joint: Fit, one: _Expected) -> tuple[float, float]:
         J = found.J * root[:, None]
         size = np.sqrt((J**2).sum(axis=0))
         each = np.repeat(fold, found.at.misclosure.shape[1])
-        held = np.full(J.shape[1], _HELD)
-        left_out = errors_left_out(J / np.where(size > 0, size, 1.0), root * found.r, each, held)
+        left_out = errors_left_out(J / np.where(size > 0, size, 1.0), root * found.r, each, np.full(J.shape[1], _HELD))
         errors.append(float(np.sum(left_out**2)))
     taken = len(places) * np.log(len(joint.r))
     return (without.cost - joint.cost) / _left(joint) - taken, (errors[0] - errors[1]) / _left(joint)

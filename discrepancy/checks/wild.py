@@ -49,7 +49,7 @@ def without_wild(formulation: Formulation, machine: str = "machine", isolated: b
     if fitted.sum() * start.shape[1] < _LEAST_SHARE * len(formulation.parameters) or not np.isfinite(start).all():
         return data
     # the deviation of each constraint by its readings' noise, (n, c), and the sum of its parts' moduli
-    q = model.quantities(model.start)[0]
+    q = model.quantities()[0]
     slopes = formulation.slopes(q)
     sizes = {name: np.abs(np.asarray(q[name], dtype=float))[..., None] for name in slopes}
     made_of = np.asarray(sum(np.abs(slope) * sizes[name] for name, slope in slopes.items()))
@@ -130,7 +130,7 @@ def refuse_wild(formulation: Formulation) -> None:
         if n < _LEAST:
             continue
         few = kind.on(kind.data.rows(np.unique(np.linspace(0, n - 1, min(n, _ROWS)).astype(int))))
-        q = _start(few)
+        q = Model(few).quantities()[0]
         misfit = _misfit(few, q)
         if not misfit > _FAR or getattr(few, "of_rows", None) is not None:  # a simulator: hundreds of calls
             continue
@@ -158,7 +158,7 @@ def wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
     """
     found = np.zeros(len(formulation.data), dtype=bool)
     for rows, kind in _kinds(formulation):
-        n, q = len(rows), _start(kind)
+        n, q = len(rows), Model(kind).quantities()[0]
         if n < _LEAST:
             continue
         size = np.abs(kind.constraints(q)).max(axis=1)
@@ -241,7 +241,7 @@ def formulated(machine: Machine, data: MeasuredData) -> Formulation:
                     formulation = machine.formulate(scaled)
                 except DataError:
                     continue
-                misfit = _misfit(formulation, _start(formulation))
+                misfit = _misfit(formulation, Model(formulation).quantities()[0])
                 if misfit < best[1]:
                     way_out = f"multiply by {factor:.6g}, or state the unit {other}"
                     best = (f"; {', '.join(columns)} look like {other}: {way_out}", misfit)
@@ -265,11 +265,6 @@ def _kinds(formulation: Formulation) -> list[tuple[NDArray[np.int_], Formulation
     if len(rows) == 1:
         return [(rows[0], formulation)]
     return [(own, formulation.on(formulation.data.rows(own))) for own in rows]
-
-
-def _start(formulation: Formulation) -> dict[str, Numbers]:
-    model = Model(formulation)
-    return model.quantities(model.start)[0]
 
 
 def _misfit(formulation: Formulation, q: Mapping[str, Numbers]) -> float:
@@ -321,7 +316,7 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers], whole: Formulatio
             yield _shifted(formulation, q, name, "" if own_units and not unit else " rad")
     # one kind of column is shifted by a row: two files that were put side by side
     first = whole.on(whole.data.rows(np.arange(min(len(whole.data), _ROWS))))
-    at, inputs = _start(first), inputs_of(first)
+    at, inputs = Model(first).quantities()[0], inputs_of(first)
     alike = kinds_of(first.sensors)
     sides = [tuple(inputs)] if inputs else [tuple(sensor.column for sensor in kind) for kind in alike]
     for names in sides if inputs or len(sides) > 1 else []:

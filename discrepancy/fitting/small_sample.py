@@ -28,21 +28,35 @@ _FULL = 1e-9  # of the largest singular value, below which columns are short of 
 @final
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """A formulation about its calibrated machine x: residuals r (n,), slopes J (n, p).
+    """A formulation about its calibrated machine x.
 
-    `weighted` tells whether rows were mixed until no noise is shared; then r is in that mixture, else plain.
+    `weighted` tells whether rows were mixed until no noise is shared; then residuals are in that mixture, else plain.
     """
 
     model: Model
     x: Array
-    r: Array
-    J: Array
     weighted: bool
+
+    @cached_property
+    def r(self) -> Array:
+        """Return the residuals, shape (n,), without the slopes, which take most of the time."""
+        r = self.model.formulation.constraints(self.model.quantities(self.x)[1])
+        return (self.model.formulation.decorrelate(r) if self.weighted else r)[:, 0]
+
+    @cached_property
+    def J(self) -> Array:
+        """Return the slopes of the residuals, shape (n, p)."""
+        formulation, (_, slopes) = self.model.formulation, self._point
+        own = np.column_stack([slopes[p.name][:, 0] for p in formulation.parameters])
+        own = formulation.decorrelate(own) if self.weighted else own
+        return np.column_stack([own, *map(self.columns, self.model.effects)])
 
     def columns(self, effect: Effect) -> Array:
         """Return the signature of a unit of each coefficient of `effect`, shape (n, k)."""
-        recorded, slopes = self._point
-        return _columns(self.model, recorded, slopes, effect, self.weighted)
+        formulation, (recorded, slopes) = self.model.formulation, self._point
+        basis = effect.basis(recorded, formulation.data, np.zeros(len(effect.coefficients)))
+        raw = np.asarray(sum(slopes[name] * change for name, change in basis.items()))
+        return formulation.decorrelate(raw) if self.weighted else raw
 
     @cached_property
     def _point(self) -> tuple[Quantities, Mapping[str, Array]]:
@@ -108,12 +122,12 @@ def linear(formulation: Formulation, *effects: Effect, weighted: bool) -> Calibr
     """
     model = Model(formulation).with_effects(*effects)
     x = gauss_newton(
-        lambda x: _residuals(model, x, weighted),
-        lambda x: _about(model, x, weighted).J,
+        lambda x: Calibrated(model, x, weighted).r,
+        lambda x: Calibrated(model, x, weighted).J,
         model.start,
         rank_tolerance=thresholds().small_seen / 10,
     )
-    return _about(model, x, weighted)
+    return Calibrated(model, x, weighted)
 
 
 def small_sample(
@@ -202,29 +216,6 @@ def direction(predicted: Array, measured: Array, degrees: int) -> Likeness:
     t = cosine * np.sqrt((degrees - 1) / max(1 - cosine**2, 1e-300))
     slope = float(predicted @ measured / (predicted @ predicted))
     return Likeness(cosine, slope, degrees, float(stdtr(degrees - 1, -t)))
-
-
-def _about(model: Model, x: Array, weighted: bool) -> Calibrated:
-    formulation = model.formulation
-    recorded, true = model.quantities(x)
-    slopes = formulation.slopes(true)
-    own = np.column_stack([slopes[p.name][:, 0] for p in formulation.parameters])
-    if weighted:
-        own = formulation.decorrelate(own)
-    added = [_columns(model, recorded, slopes, effect, weighted) for effect in model.effects]
-    return Calibrated(model, x, _residuals(model, x, weighted), np.column_stack([own, *added]), weighted)
-
-
-def _residuals(model: Model, x: Array, weighted: bool) -> Array:
-    """Return the residuals at x, shape (n,), without the slopes, which take most of the time."""
-    r = model.formulation.constraints(model.quantities(x)[1])
-    return (model.formulation.decorrelate(r) if weighted else r)[:, 0]
-
-
-def _columns(model: Model, recorded: Quantities, slopes: Mapping[str, Array], effect: Effect, weighted: bool) -> Array:
-    basis = effect.basis(recorded, model.formulation.data, np.zeros(len(effect.coefficients)))
-    raw = np.asarray(sum(slopes[name] * change for name, change in basis.items()))
-    return model.formulation.decorrelate(raw) if weighted else raw
 
 
 def _visible(D: Array, q: Array) -> tuple[Array, Array]:

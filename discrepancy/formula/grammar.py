@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partialmethod
 from math import isfinite, nan
 from typing import final
 
@@ -94,32 +94,25 @@ class Run:
         return np.broadcast_to(np.asarray(value, dtype=float), len(data))
 
     def remembered(
-        self, u: Array, name: str, data: MeasuredData, operator: Callable[[Array, Array], Array]
-    ) -> Array:  # fmt: skip
-        """Return an operator's value, of a sequence and its times, at each row whose column `name` is `u`, (n,)."""
+        self, operator: Callable[[Array, Array, float], Array], u: Array, name: str, data: MeasuredData, number: float
+    ) -> Array:
+        """Return an operator's value, of a sequence, its times and a number, at the rows whose column `name` is `u`."""
         if PLACE in data and name in self.columns:
             rows = np.searchsorted(self.places, np.asarray(data[PLACE], dtype=float))
             rows = np.minimum(rows, len(self.places) - 1)
             sequence = self.columns[name].copy()
             sequence[rows] = u
             times = self.columns[self.clock] if self.clock else self.places
-            return np.asarray(operator(sequence, times)[rows])
+            return np.asarray(operator(sequence, times, number)[rows])
         times = np.asarray(data[self.clock], dtype=float) if self.clock in data else np.arange(len(u), dtype=float)
         order, out = np.argsort(times, kind="stable"), np.empty(len(u))
-        out[order] = operator(np.asarray(u)[order], times[order])
+        out[order] = operator(np.asarray(u)[order], times[order], number)
         return out
 
-    def play(self, u: Array, name: str, data: MeasuredData, width: float) -> Array:
-        return self.remembered(u, name, data, lambda s, t: play(s, width))
-
-    def slip(self, u: Array, name: str, data: MeasuredData, width: float) -> Array:
-        return self.remembered(u, name, data, lambda s, t: slip(s, width))
-
-    def lag(self, u: Array, name: str, data: MeasuredData, tau: float) -> Array:
-        return self.remembered(u, name, data, lambda s, t: lag(s, t, tau))
-
-    def side(self, u: Array, name: str, data: MeasuredData, least: float) -> Array:
-        return self.remembered(u, name, data, lambda s, t: side(s, least))
+    play = partialmethod(remembered, lambda u, t, width: play(u, width))
+    slip = partialmethod(remembered, lambda u, t, width: slip(u, width))
+    lag = partialmethod(remembered, lambda u, t, tau: lag(u, t, tau))
+    side = partialmethod(remembered, lambda u, t, least: side(u, least))
 
 
 @final

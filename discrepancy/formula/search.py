@@ -577,7 +577,10 @@ class _Search:
         alone, tests = on.test(*scored[0][:2]), sum(self.count)
         p = family_wise(alone, np.empty(0), tests)
         if p > _LEVEL and rng is not None and len(on.y) <= _DRAWN_ROWS:
-            p = family_wise(alone, self._law(on, rng), tests)
+            drawn = rng.standard_normal((len(on.y), _DRAWN))
+            drawn -= on.Q @ (on.Q.T @ drawn)
+            most = np.max([most for _, _, most in self.everything(on, drawn).values()], axis=0)
+            p = family_wise(alone, np.sort([on.test(float(t), 1) for t in most]), tests)
         tried: dict[tuple[object, ...], Term] = {}
         shown: set[tuple[str, int]] = set()  # each quantity with its best single column and its best pair
         for _, _, term in scored:
@@ -591,13 +594,6 @@ class _Search:
         for one in sorted(done, key=lambda f: -f.worth):
             unique.setdefault(one.structure, one)
         return list(unique.values()), p
-
-    def _law(self, on: ProjectedScores, rng: np.random.Generator) -> Array:
-        """Return sorted draws, under noise alone, of the smallest p of any term."""
-        drawn = rng.standard_normal((len(on.y), _DRAWN))
-        drawn -= on.Q @ (on.Q.T @ drawn)
-        most = np.max([most for _, _, most in self.everything(on, drawn).values()], axis=0)
-        return np.sort([on.test(float(t), 1) for t in most])
 
     def _step_worth(self, T: float, rank: int, term: Term, on: ProjectedScores) -> float:
         return self.gain(on, T, rank) - rank * float(np.log(len(on.y))) - self.place_of((term,))

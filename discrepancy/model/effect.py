@@ -54,15 +54,12 @@ class Effect(Protocol):
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return quantity -> (n,): what it truly is minus what is recorded or nominal, at coefficients c, (k,)."""
-        ...
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return the derivative of `shift` in the coefficients, quantity -> (n, k)."""
-        ...
 
     def amplitude(self, c: Array) -> float:
         """Return the size an engineer quotes, in `unit`, of coefficients of shape (k,)."""
-        ...
 
 
 @final
@@ -79,16 +76,6 @@ class Moment:
 
 
 Along = Callable[[MeasuredData], Mapping[str, Sequence[Moment]]]  # covariate -> the moments at which an effect acts
-
-
-def along_of(effect: Effect) -> Along | None:
-    """Return the function that gives the positions at which an effect acts; None for an effect without one."""
-    return cast(Along | None, getattr(effect, "along", None))
-
-
-def over_of(effect: Effect) -> tuple[str, ...]:
-    """Return the columns that together are the place on which an effect's size may depend; () for one without."""
-    return cast(tuple[str, ...], getattr(effect, "over", ()))
 
 
 def whole_of(effect: Effect) -> Effect | None:

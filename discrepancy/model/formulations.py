@@ -33,7 +33,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from pathlib import Path
-from typing import Any, Protocol, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,7 @@ from calibench.core.options import suggest
 from calibench.discrepancy.model import roles as parts_of
 from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities, Slopes, as_is, complex_step_slopes
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, complete, number_visits, without_gaps
-from calibench.discrepancy.model.model import learned_noise, noise_left, relearned
+from calibench.discrepancy.model.model import Model, learned_noise, noise_left, relearned
 from calibench.discrepancy.model.roles import RATE, Roles, inputs_of, roles_of, unknown_noise_of
 from calibench.problems.base import Array, Parameter
 
@@ -192,17 +192,10 @@ def refuse_twice(columns: Sequence[str], held: Mapping[str, float], parameters: 
 OfRows = tuple[Callable[[Quantities], Numbers], Callable[[Quantities], dict[str, Array]]]
 
 
-class OnRows(Protocol):
-    """Prediction and slopes that depend on which rows they are asked for, and what a report says of them at the end."""
-
-    def __call__(self, data: MeasuredData) -> OfRows: ...
-    def remarks(self) -> tuple[Note, ...]: ...
-
-
 def remarks_of(formulation: Formulation) -> tuple[Note, ...]:
     """Return what a formulation has to say when the search is done; () for most."""
-    of_rows: OnRows | None = getattr(formulation, "of_rows", None)
-    return () if of_rows is None else of_rows.remarks()
+    at_end: Callable[[], tuple[Note, ...]] | None = getattr(formulation, "at_end", None)
+    return () if at_end is None else at_end()
 
 
 Stated = float | str | None  # a standard deviation, the column that holds it, or unknown
@@ -218,7 +211,8 @@ class Predicted:
     that are not held out. `inputs` are columns without noise, which effects may change; `held` numbers that are not
     calibrated. `instruments` tell of measured columns what `Sensor` says, `roles` what the machine is made of.
     `of_new` makes the columns of the fit from those of a file, for rows that are only predicted, each of them kept.
-    `of_rows` returns `predict` and `slopes` for other rows, where these depend on which rows they are asked for.
+    `of_rows` returns `predict` and `slopes` for other rows, where these depend on which rows they are asked for;
+    `at_end` what a report says of them when the search is done.
     Rows with a cell that holds no number are left out. Raises `DataError` for a column that is missing, a name used
     twice, or a prediction of another shape.
     """
@@ -235,7 +229,8 @@ class Predicted:
     slopes: Callable[[Quantities], Mapping[str, Array]] = field(default=None, repr=False)  # type: ignore[assignment]
     learned: Mapping[str, float] = field(default_factory=dict, repr=False)
     of_new: Callable[[MeasuredData], MeasuredData] | None = field(default=None, repr=False)
-    of_rows: OnRows | None = field(default=None, repr=False)
+    of_rows: Callable[[MeasuredData], OfRows] | None = field(default=None, repr=False)
+    at_end: Callable[[], tuple[Note, ...]] | None = field(default=None, repr=False)
     _checked: bool = field(default=False, repr=False)
     _given: Callable[[Quantities], Mapping[str, Array]] | None = field(default=None, repr=False)
     fixed: Mapping[str, float] = field(init=False, repr=False)
@@ -260,9 +255,9 @@ class Predicted:
         deviations = [stated for stated in self.measured.values() if isinstance(stated, str)]
         read = tuple(dict.fromkeys((*self.measured, *self.inputs, *deviations)))
         object.__setattr__(self, "data", _complete(self, read))
-        for name, stated in self.measured.items():
-            least = np.min(self._sigma(name, stated))
-            if not (stated is None or (np.isfinite(least) and least > 0)):
+        for name, sigma in self.sigma.items():
+            least = np.min(sigma)
+            if not (self.measured[name] is None or (np.isfinite(least) and least > 0)):
                 raise DataError(f"noise of {name}: {least:g}; a standard deviation above 0 is needed, or None: unknown")
         check_slopes(self, "predict(q)" if given is None else "slopes(q)")
         self.roles.refuse_unknown(self)
@@ -278,7 +273,13 @@ class Predicted:
     @property
     def sigma(self) -> Mapping[str, Array | float]:
         """Return the standard deviation of each measured column, a number or (n,): stated, or a first estimate."""
-        return {name: self._sigma(name, stated) for name, stated in self.measured.items()}
+        found: dict[str, Array | float] = {}
+        for name, stated in self.measured.items():
+            if stated is None:
+                found[name] = self.learned.get(name, 1.0)
+            else:
+                found[name] = np.asarray(self.data[stated], dtype=float) if isinstance(stated, str) else float(stated)
+        return found
 
     def constraints(self, q: Quantities) -> Numbers:
         """Return measured minus predicted, shape (n, m); raise `DataError` for a prediction of another shape."""
@@ -347,11 +348,6 @@ class Predicted:
             own = own[:, None] if own.ndim == 1 else own
             return np.asarray(-(own if own.shape == (n, m) else np.broadcast_to(own, (n, m))))
         return complex_step_slopes(self, q)[name]
-
-    def _sigma(self, name: str, stated: Stated) -> Array | float:
-        if stated is None:
-            return self.learned.get(name, 1.0)
-        return np.asarray(self.data[stated], dtype=float) if isinstance(stated, str) else float(stated)
 
 
 BLOCK = "block"  # the column that says to which block a row belongs
@@ -460,7 +456,9 @@ class Blocks:
         return found
 
     def on(self, data: MeasuredData) -> Blocks:
-        return self._with(data, [block.on(data.rows(data[BLOCK] == k)) for k, block in enumerate(self.blocks)])
+        return object.__new__(Blocks)._set(
+            data, [block.on(data.rows(data[BLOCK] == k)) for k, block in enumerate(self.blocks)]
+        )
 
     def relearned(self, left: Array, spent: float) -> Blocks:
         """Return the same with its unknown noise estimated from the constraints `left`, (n, c), by a fit."""
@@ -469,14 +467,9 @@ class Blocks:
             rows = self.data[BLOCK] == k
             learns = unknown_noise_of(block) and rows.any()
             blocks.append(relearned(block, left[rows], spent * float(rows.mean())) if learns else block)
-        return self._with(self.data, blocks)
+        return object.__new__(Blocks)._set(self.data, blocks)
 
-    def _with(self, data: MeasuredData, blocks: Sequence[Formulation]) -> Blocks:
-        same = object.__new__(Blocks)
-        same._set(data, blocks)
-        return same
-
-    def _set(self, data: MeasuredData, blocks: Sequence[Formulation]) -> None:
+    def _set(self, data: MeasuredData, blocks: Sequence[Formulation]) -> Blocks:
         readings = tuple(dict.fromkeys(name for block in blocks for name in block.readings))
         sensors = {sensor.column: sensor for block in reversed(blocks) for sensor in block.sensors}
         units = {block.unit for block in blocks}
@@ -489,6 +482,7 @@ class Blocks:
             roles=reduce(lambda some, more: some | more, (roles_of(block) for block in blocks)),
             sensors=tuple(sensors[name] for name in readings), unit=units.pop() if len(units) == 1 else "",
         )  # fmt: skip
+        return self
 
     def _filled(self) -> list[tuple[Formulation, Mask]]:
         each = ((block, np.asarray(self.data[BLOCK] == k)) for k, block in enumerate(self.blocks))
@@ -506,7 +500,7 @@ def _of(block: Formulation, q: Quantities, rows: Mask) -> dict[str, Numbers]:
 
 def _width(block: Formulation) -> int:
     few = block.on(block.data.rows(np.arange(len(block.data)) < 1))
-    return int(few.constraints(_nominal(few)).shape[1])
+    return int(few.constraints(Model(few).quantities()[0]).shape[1])
 
 
 def _stacked(blocks: Sequence[Formulation]) -> MeasuredData:
@@ -563,7 +557,7 @@ def check_slopes(formulation: Formulation, words: str) -> None:
     It also raises for a function that fails, or that asks for a quantity that nothing states.
     """
     few = formulation.on(formulation.data.rows(np.arange(len(formulation.data)) < _ROWS))
-    q = _nominal(few)
+    q = Model(few).quantities()[0]
     q |= {name: np.asarray(q[name], dtype=float) for name in (*inputs_of(few), *few.readings)}
     way_out = "write it with analytic functions: no abs, norm, hypot, arctan2 or comparison of quantities"
     try:
@@ -597,9 +591,3 @@ def check_slopes(formulation: Formulation, words: str) -> None:
         wide = 1e-4 * (np.abs(slopes[name]) + np.abs(difference)) + 1e-9 * size / h
         if (np.abs(slopes[name] - difference) > wide).any():
             raise DataError(f"{words}: its slope in {name} by complex step is not its difference; {way_out}")
-
-
-def _nominal(formulation: Formulation) -> dict[str, Numbers]:
-    q: dict[str, Numbers] = {name: np.asarray(value) for name, value in formulation.fixed.items()}
-    q |= {p.name: np.asarray(p.start) for p in formulation.parameters}
-    return q | {name: np.asarray(formulation.data[name]) for name in (*inputs_of(formulation), *formulation.readings)}

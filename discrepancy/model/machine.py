@@ -56,11 +56,9 @@ class Formulation(Protocol):
 
     def constraints(self, q: Quantities) -> Numbers:
         """Return the constraints, shape (n, c), at the quantities `q`: zero on a perfect machine without noise."""
-        ...
 
     def slopes(self, q: Quantities) -> Mapping[str, Array]:
         """Return the derivative of the constraints in each quantity, name -> (n, c)."""
-        ...
 
     def decorrelate(self, rows: Array) -> Array:
         """Return `rows`, shape (n, ...), mixed along the first axis so that noise shared by readings is shared no more.
@@ -69,18 +67,15 @@ class Formulation(Protocol):
         passes residuals, Jacobian and signatures through it, so that after it the stated `sigma` is that of
         independent rows.
         """
-        ...
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
         """Return target -> covariate -> (n,): what a smooth disagreement may depend on.
 
         A target is a reading or one of the targets that `sensors` state; `WORKSPACE` has the coordinates of the place.
         """
-        ...
 
     def on(self, data: MeasuredData) -> Formulation:
         """Return the same constraints over other rows (a held-out part, a resampled set)."""
-        ...
 
 
 class Machine(Protocol):
@@ -91,7 +86,6 @@ class Machine(Protocol):
 
     def formulate(self, data: MeasuredData) -> Formulation:
         """Return the constraints that `data` support; raise `DataError` for data that cannot be of this machine."""
-        ...
 
 
 @final

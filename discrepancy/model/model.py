@@ -52,8 +52,9 @@ class Model:
         x[: len(self.formulation.parameters)] = [p.start for p in self.formulation.parameters]
         return x
 
-    def quantities(self, x: Array) -> tuple[dict[str, Numbers], dict[str, Numbers]]:
-        """Return the quantities as recorded or nominal, and as the effects say they truly are."""
+    def quantities(self, x: Array | None = None) -> tuple[dict[str, Numbers], dict[str, Numbers]]:
+        """Return the quantities as recorded or nominal, and as the effects say they truly are, at x or at `start`."""
+        x = self.start if x is None else x
         q: dict[str, Numbers] = {name: np.asarray(value) for name, value in self.formulation.fixed.items()}
         q |= {p.name: np.asarray(value) for p, value in zip(self.formulation.parameters, x)}
         q |= {name: self.formulation.data[name] for name in (*inputs_of(self.formulation), *self.formulation.readings)}

@@ -10,7 +10,7 @@ not count for play. The readings of a visit stay together. A walk of the zero, w
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, final
 
 import numpy as np
@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from calibench.discrepancy.diagnostics import score
 from calibench.discrepancy.fitting.fit import Fit
-from calibench.discrepancy.model.effect import Effect, has_free_period, name_of, still_open
-from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.effect import Effect, LinearEffect, has_free_period, name_of, still_open
+from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import inputs_of, roles_of
 from calibench.discrepancy.registries import description_of
@@ -83,11 +83,11 @@ def shuffled(at: Fit, effect: Effect, beside: Effect, family: Sequence[Effect]) 
         moved = effect.basis(at.at.recorded, _moved(data, columns, source), zero)
         each = all(np.allclose(np.asarray(kept[name])[source], moved[name]) for name in kept)
     rivals = [e for e in family if len(e.coefficients) <= _NUMBERS and order_of(e, formulation)[1]] if each else []
-    score_of = _Sums(at, on, [effect, *rivals]) if each else _OneByOne(at, on, effect, columns)
-    own, more, times = score_of.gains(np.arange(len(data)))[0], 0, 0
+    gains = _Sums(at, on, [effect, *rivals]).gains if each else partial(_gain_of_one, at, on, effect, columns)
+    own, more, times = gains(np.arange(len(data)))[0], 0, 0
     for _ in range(t.shuffles):
         times += 1
-        more += bool(np.max(score_of.gains(classes.draw(rng))) >= own)
+        more += bool(np.max(gains(classes.draw(rng))) >= own)
         if (more + 1) / (t.shuffles + 1) > t.shuffled_p:
             break  # more of them change nothing
     return Shuffled(word, more, times, (more + 1) / (times + 1))
@@ -193,40 +193,16 @@ class _Sums:
         return found
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _OneByOne:
-    """The linear gain of one effect of any kind, its columns shuffled."""
-
-    at: Fit
-    on: score.ProjectedScores
-    effect: Effect
-    columns: tuple[str, ...]
-
-    def gains(self, source: Rows) -> Array:
-        """Return the gain with the order of the rows `source`, (1,)."""
-        [(found, _)] = score.score_all(self.at, self.on, [_Moved(self.effect, self.columns, source)])
-        own = penalty(self.effect, found.m, len(self.on.y))
-        return np.array([self.on.gain(found.T, found.m) - own if found.m else -np.inf])
-
-
-class _Moved:
-    """An `Effect` whose columns are those of other rows."""
-
-    def __init__(self, of: Effect, moved: Sequence[str], source: Rows) -> None:
-        self.of, self.moved, self.source = of, moved, source
-        self.family, self.target, self.coefficients, self.positions = of.family, of.target, of.coefficients, 1
-        self.formula, self.channel, self.columns, self.twins = of.formula, of.channel, of.columns, of.twins
-        self.units, self.unit = of.units, of.unit
-
-    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        return self.of.shift(q, _moved(data, self.moved, self.source), c)
-
-    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        return self.of.basis(q, _moved(data, self.moved, self.source), c)
-
-    def amplitude(self, c: Array) -> float:
-        return self.of.amplitude(c)
+def _gain_of_one(at: Fit, on: score.ProjectedScores, effect: Effect, columns: Sequence[str], source: Rows) -> Array:
+    """Return the linear gain of an effect of any kind with its `columns` taken from the rows `source`, (1,)."""
+    zero = np.zeros(len(effect.coefficients))
+    other = LinearEffect(
+        effect.family, effect.target, effect.formula, effect.channel, columns=effect.columns,
+        coefficients=effect.coefficients, units=effect.units, unit=effect.unit,
+        changes=lambda q, data: effect.basis(q, _moved(data, columns, source), zero), measure=effect.amplitude,
+    )  # fmt: skip
+    [(found, _)] = score.score_all(at, on, [other])
+    return np.array([on.gain(found.T, found.m) - penalty(effect, found.m, len(on.y)) if found.m else -np.inf])
 
 
 def controls(at: Fit, sets: Sequence[Sequence[Effect]], candidates: Sequence[Effect]) -> list[Mapping[str, Shuffled]]:

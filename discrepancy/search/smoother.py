@@ -7,7 +7,7 @@ one after the other, while they also predict left-out poses better. Outside the 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import final
 
 import numpy as np
@@ -109,14 +109,10 @@ class Smooth:
 
 def fit_smooth(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     """Return the fit with the smooth functions that these data support; `base` itself where none predicts."""
-    return once(lambda: _fit_smooth(base, terms), (base, *terms))
-
-
-def _fit_smooth(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     current = base
     # scores of heavy-tailed noise are clipped, and smooth errors with them: another pass fits the remaining error
     for _ in range(_PASSES if np.isfinite(base.noise.t_degrees) else 1):
-        after = _once(current, terms)
+        after = once(partial(_once, current, terms), (current, *terms))
         if after is current:
             break
         current = after

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, final
 import numpy as np
 
 from calibench.core.options import Range
-from calibench.optimizers.base import Objective, Reason, Share, Traits, registry
+from calibench.optimizers.base import Objective, Reason, Share, registry
 from calibench.optimizers.own.population import population_traits, rehearse
 
 
@@ -31,9 +31,7 @@ class DifferentialEvolution:
     def __post_init__(self) -> None:
         registry.check("de", vars(self))
 
-    @property
-    def traits(self) -> Traits:
-        return population_traits(self.population)
+    traits = property(population_traits)
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Breed generations until the objective stops it."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.options import Range
-from calibench.optimizers.base import Array, Count, Objective, Positive, Reason, Share, Traits, registry
+from calibench.optimizers.base import Array, Count, Objective, Positive, Reason, Share, registry
 from calibench.optimizers.own.population import population_traits, rehearse
 
 _LONGEST = 53  # bits of a parameter that a double holds exactly
@@ -55,9 +55,7 @@ class GeneticAlgorithm:
             rule = f"there are {self.population} distinct rivals; or rivals=any"
             raise ValueError(f"ga.tournament={self.tournament}: {rule}")
 
-    @property
-    def traits(self) -> Traits:
-        return population_traits(self.population)
+    traits = property(population_traits)
 
     def lengths(self, width: Array) -> NDArray[np.int64]:
         """Return the bits of each parameter, shape (dim,), at least one: L = ceil(log2(width / precision))."""

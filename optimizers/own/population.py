@@ -15,9 +15,10 @@ from calibench.optimizers.base import Array, Optimizer, Stop, Traits
 _BATCHES = 5  # of a rehearsal
 
 
-def population_traits(population: int) -> Traits:
-    """Return the traits of a method whose first sample is `population` random points of the box."""
-    return Traits(stochastic=True, uses_start=False, minimum_budget=population, needs_finite_bounds=True, batches=True)
+def population_traits(method: Any) -> Traits:
+    """Return the traits of a method whose first sample is its `population` of random points of the box."""
+    first: int = method.population
+    return Traits(stochastic=True, uses_start=False, minimum_budget=first, needs_finite_bounds=True, batches=True)
 
 
 @cache

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal, final
 import numpy as np
 
 from calibench.core.options import Range
-from calibench.optimizers.base import Count, CountOrNull, Objective, Reason, Share, Traits, registry
+from calibench.optimizers.base import Count, CountOrNull, Objective, Reason, Share, registry
 from calibench.optimizers.own.population import population_traits, rehearse
 
 
@@ -56,9 +56,7 @@ class ParticleSwarm:
     def __post_init__(self) -> None:
         registry.check("pso", vars(self))
 
-    @property
-    def traits(self) -> Traits:
-        return population_traits(self.population)
+    traits = property(population_traits)
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Fly until the objective stops it."""

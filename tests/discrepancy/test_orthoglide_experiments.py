@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cache
 from pathlib import Path
 from typing import get_args
@@ -13,7 +14,7 @@ from calibench import problems
 from calibench.bench.papers.pashkevich2008.experiments import page
 from calibench.discrepancy import machines
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.fitting.small_sample import linear, small_sample
+from calibench.discrepancy.fitting.small_sample import Calibrated, linear, small_sample
 from calibench.discrepancy.machines.orthoglide.experiments import (
     HANDED,
     ORIENTATION,
@@ -37,6 +38,12 @@ def found() -> Experiments:
 
 def _about(name: str, weighted: bool = False):
     return linear(machines.make("orthoglide").formulate(printed(name)), weighted=weighted)
+
+
+def _with_residuals(about: Calibrated, r: np.ndarray) -> Calibrated:
+    other = copy(about)
+    vars(other).update(r=r, J=about.J)
+    return other
 
 
 @pytest.mark.slow
@@ -64,7 +71,7 @@ def test_the_price_of_many_candidates_is_exact_on_noise() -> None:
     candidates = catalogue(about.model.formulation).candidates
     rng, below = np.random.default_rng(7), 0
     for seed in range(40):
-        noise = type(about)(about.model, about.x, rng.standard_normal(12), about.J, False)
+        noise = _with_residuals(about, rng.standard_normal(12))
         best = small_sample(noise, candidates, draws=300, seed=seed).candidates[0]
         below += best.p_tried <= 0.2
     assert 1 <= below <= 16  # of 40 at 20 %: 8 expected, 99.7 % of binomials lie between
@@ -75,7 +82,7 @@ def test_a_planted_pattern_is_found_and_its_size_recovered() -> None:
     candidates = catalogue(about.model.formulation).candidates
     (handed,) = (e for e in candidates if f"{e.family} {e.target}" == HANDED)
     r = about.columns(handed)[:, 0] * 2.0 + 0.02 * np.random.default_rng(3).standard_normal(12)
-    planted = small_sample(type(about)(about.model, about.x, -r, about.J, False), candidates, draws=2000)
+    planted = small_sample(_with_residuals(about, -r), candidates, draws=2000)
     assert planted.candidates[0].name in (HANDED, "axis_intersection mirrored")
     assert planted[HANDED].p_tried < 0.01
     low, high = (planted[HANDED].coefficients[0] + s * 3 * planted[HANDED].standard_errors[0] for s in (-1, 1))
@@ -137,7 +144,7 @@ def test_the_price_of_a_choice_holds_its_level_on_noise() -> None:
     own = [e for e in candidates if e.family == "guide_lean"]
     others = len({e.family for e in candidates} - {"guide_lean"})
     for _ in range(40):
-        looks = [type(about)(about.model, about.x, rng.standard_normal(12), about.J, False) for _ in range(others + 1)]
+        looks = [_with_residuals(about, rng.standard_normal(12)) for _ in range(others + 1)]
         best = min((small_sample(look, own, draws=200) for look in looks), key=lambda s: s.candidates[0].p)
         alone = best.candidates[0].p_tried
         unpaid += alone <= 0.2

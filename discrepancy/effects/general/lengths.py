@@ -94,8 +94,7 @@ def reference_of(formulation: Formulation, column: str, quantity: str) -> float:
     if count > _ROWS:
         some = formulation.on(formulation.data.rows(np.linspace(0, count - 1, _ROWS).astype(int)))
     # whether the calibrated parameters can imitate a constant error in all rows
-    model = Model(some)
-    slopes = some.slopes(model.quantities(model.start)[0])
+    slopes = some.slopes(Model(some).quantities()[0])
     error = np.asarray(slopes[quantity], dtype=float).ravel()
     own = np.stack([np.asarray(slopes[p.name], dtype=float).ravel() for p in some.parameters], axis=-1)
     length = np.linalg.norm(own, axis=0)

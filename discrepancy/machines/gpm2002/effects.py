@@ -49,11 +49,12 @@ drift = columns.drift.enter(
 
 def _of_leg(made: Recipe, part: str) -> Recipe:
     """Return a recipe whose target is a leg; the general recipe asks for its joint or its `distal link`."""
-
-    def make(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-        return changed(made.make(family, formulation, f"{part} {int(target[-1])}"), target=target)
-
-    return Recipe(made.words, make)
+    return Recipe(
+        made.words,
+        lambda family, formulation, target: changed(
+            made.make(family, formulation, f"{part} {int(target[-1])}"), target=target
+        ),
+    )
 
 
 compliance = joints.compliance.enter(

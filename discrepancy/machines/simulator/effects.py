@@ -50,8 +50,7 @@ def _over(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     parameter, _, column = target.partition(" over ")
     run, roles = formulation.data, roles_of(formulation)
     needs(run, column)
-    model = Model(formulation)
-    if not np.any(formulation.slopes(model.quantities(model.start)[0])[parameter]):
+    if not np.any(formulation.slopes(Model(formulation).quantities()[0])[parameter]):
         raise NotTestable(f"no prediction depends on {parameter}")
     (course, span), warm = _course(run, column), (roles.temperature, *(j.temperature for j in roles.joints))
 

@@ -149,6 +149,7 @@ class SimulatorMachine:
             tuple(Parameter(p, "", found[p], *limits[1:]) for p, limits in numbers.items() if free[p]),
             measured=measured, inputs=inputs, held={p: limits[0] for p, limits in numbers.items() if not free[p]},
             unit="", instruments=sensors, roles=self._roles(data, local, names, clock), slopes=slopes, of_rows=of_rows,
+            at_end=of_rows.remarks,
         )  # fmt: skip
 
     def _declared(
