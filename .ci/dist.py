@@ -1,9 +1,10 @@
 """`make dist`: the files of a release, their list of parts, and a trial of both where nothing else can be reached.
 
 1. The commit is exported, sdist and wheel are built, and both once more from that sdist: the same bytes, or it ends.
-2. A list of parts (SBOM, CycloneDX): the package, its dependencies by requirements.lock, what others wrote in it.
-3. An index in a folder, static pages (PEP 503): our two files, and for each Python what the lock has and the newest.
-4. From that index alone, into fresh environments of each Python with an empty HOME: install, run, discover, report.
+2. An index in a folder, static pages (PEP 503): our two files, and for each Python what the lock has and the newest.
+3. Each Python, with the versions of the lock, compiles kernels (kernels.py), and the wheel is built with them.
+4. A list of parts (SBOM, CycloneDX): the package, its dependencies by requirements.lock, what others wrote in it.
+5. From that index alone, into fresh environments of each Python with an empty HOME: install, run, discover, report.
 """
 
 from __future__ import annotations
@@ -54,41 +55,70 @@ def main() -> None:
     words.add_argument("--index", type=Path, default=Path("build", "index"), help="where downloads are kept")
     asked = words.parse_args()
     index = asked.index.resolve()
-    files(ROOT / "dist")
+    files(dist := ROOT / "dist")
     make_index(index, asked.pythons)
+    bring_kernels(dist, index, asked.pythons)
+    publish(dist, index)
+    describe(dist)
     print(*(f"| {' | '.join(row)} |" for row in (HEAD, ["---"] * len(HEAD))), sep="\n", flush=True)
     for python, (file, versions) in itertools.product(asked.pythons, TRIALS):
         print(f"| {' | '.join(trial(python, file, versions, index))} |", flush=True)
 
 
 def files(to: Path) -> None:
-    """Put sdist, wheel and list of parts of the commit into the folder `to`, which holds nothing else afterwards."""
+    """Put sdist and wheel of the commit into the folder `to`, which holds nothing else afterwards."""
     if changed := git("status", "--porcelain", "-uall", "--", *FROM).decode():
         sys.exit(f"make dist: these are not as the last commit has them; commit or remove them:\n{changed}")
-    epoch, moment = git("log", "-1", "--format=%ct %cI").decode().split()
     with TemporaryDirectory() as folder:
         tree, packed = Path(folder, "commit"), Path(folder, "commit.tar")
         packed.write_bytes(git("archive", "--format=tar", "HEAD"))
         shutil.unpack_archive(packed, tree)
-        build_twice(tree, Path(folder), epoch)
+        build_twice(tree, Path(folder))
         shutil.rmtree(to, ignore_errors=True)
         shutil.copytree(Path(folder, "first"), to)
-    hashes = {path.name: digest(path) for path in sorted(to.iterdir())}
-    (to / f"{NAME}-{VERSION}.cdx.json").write_text(json.dumps(parts(hashes, moment), indent=1, sort_keys=True))
-    print("\n".join(f"{path}  {digest(path)}" for path in sorted(to.iterdir())), flush=True)
 
 
-def build_twice(tree: Path, folder: Path, epoch: str) -> None:
+def build_twice(tree: Path, folder: Path) -> None:
     """Build sdist and wheel from `tree` into `folder`/first, both again from that sdist, and compare their bytes."""
     for turn in ("first", "again"):
-        build = [sys.executable, "-m", "hatchling", "build", "-d", str(folder / turn)]
-        subprocess.run(build, cwd=tree, env=os.environ | {"SOURCE_DATE_EPOCH": epoch}, check=True, capture_output=True)
-        [sdist] = (folder / turn).glob("*.tar.gz")
-        shutil.unpack_archive(sdist, folder / "sdist")
-        [tree] = (folder / "sdist").iterdir()
+        build(tree, folder / turn)
+        tree = unpacked(folder / turn, folder / "sdist")
     for first in (folder / "first").iterdir():
         if first.read_bytes() != (folder / "again" / first.name).read_bytes():
             sys.exit(f"make dist: {first.name}: built again from the sdist it has other bytes")
+
+
+def build(tree: Path, to: Path, *words: str) -> None:
+    dated = os.environ | {"SOURCE_DATE_EPOCH": git("log", "-1", "--format=%ct").decode().strip()}
+    command = [sys.executable, "-m", "hatchling", "build", *words, "-d", str(to)]
+    subprocess.run(command, cwd=tree, env=dated, check=True, capture_output=True)
+
+
+def unpacked(files: Path, to: Path) -> Path:
+    """Return the folder that the sdist among `files` gives."""
+    [sdist] = files.glob("*.tar.gz")
+    shutil.unpack_archive(sdist, to)
+    [tree] = to.iterdir()
+    return tree
+
+
+def bring_kernels(dist: Path, index: Path, pythons: list[str]) -> None:
+    """Build the wheel in `dist` again, with what each Python compiles of the one in `index`; the sdist has none."""
+    with TemporaryDirectory() as folder:
+        tree = unpacked(dist, Path(folder, "sdist"))
+        (kernels := tree / "core" / "compilation" / "kernels").mkdir()
+        for number, python in enumerate(pythons):
+            do, programs, *_ = installed(Path(folder, str(number)), python, "wheel", "lock", index)
+            do([programs / "python", ROOT / ".ci" / "kernels.py", kernels])
+        build(tree, dist, "-t", "wheel")
+
+
+def describe(dist: Path) -> None:
+    """Write the list of parts beside the files, and print the digest of each."""
+    hashes = {path.name: digest(path) for path in sorted(dist.iterdir())}
+    moment = git("log", "-1", "--format=%cI").decode().strip()
+    (dist / f"{NAME}-{VERSION}.cdx.json").write_text(json.dumps(parts(hashes, moment), indent=1, sort_keys=True))
+    print("\n".join(f"{path}  {digest(path)}" for path in sorted(dist.iterdir())), flush=True)
 
 
 def git(*words: str) -> bytes:
@@ -180,10 +210,7 @@ def found_pythons() -> list[str]:
 
 def make_index(index: Path, pythons: list[str]) -> None:
     """Fill `index`: files from the ordinary index, once, and ours; the pages; the versions of the lock."""
-    kept = index / "files"
-    kept.mkdir(parents=True, exist_ok=True)
-    for old in kept.glob(f"{NAME}-*"):
-        old.unlink()
+    (kept := index / "files").mkdir(parents=True, exist_ok=True)
     lines = list(itertools.chain(*map(lock_of().__getitem__, closure())))
     (index / "lock.txt").write_text("\n".join(lines))
     (index / "versions.txt").write_text("\n".join(line.partition("--hash")[0] for line in lines))
@@ -192,7 +219,14 @@ def make_index(index: Path, pythons: list[str]) -> None:
         fetch = [python, "-m", "pip", "download", "-q", "--no-cache-dir", "-d", str(kept)]
         subprocess.run([*fetch, "--require-hashes", "-r", str(index / "lock.txt")], check=True)
         subprocess.run([*fetch, *CORE.dependencies, *build], check=True)
-    for path in (*(ROOT / "dist").glob("*.whl"), *(ROOT / "dist").glob("*.tar.gz")):
+    publish(ROOT / "dist", index)
+
+
+def publish(dist: Path, index: Path) -> None:
+    """Put our files into `index` in place of earlier ones, and write its pages."""
+    for old in (kept := index / "files").glob(f"{NAME}-*"):
+        old.unlink()
+    for path in (*dist.glob("*.whl"), *dist.glob("*.tar.gz")):
         shutil.copy(path, kept)
     write_pages(kept, index / "simple")
 
@@ -222,27 +256,33 @@ def trial(python: str, file: str, versions: str, index: Path) -> tuple[str, ...]
     """Install `file` from `index` alone and use it, each time from nothing; return a row of the table."""
     said = subprocess.run([python, "-V"], check=True, capture_output=True, text=True).stdout.split()[1]
     with TemporaryDirectory() as folder:
-        fresh, home = Path(folder, "env"), Path(folder, "home")
-        (here := home / "here").mkdir(parents=True)
-        env = {
-            "PATH": os.environ["PATH"], "HOME": str(home), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1",
-            "http_proxy": NOWHERE, "https_proxy": NOWHERE, "PIP_INDEX_URL": (index / "simple").as_uri(),
-            "PIP_CONFIG_FILE": os.devnull, "PIP_NO_CACHE_DIR": "1", "PIP_DISABLE_PIP_VERSION_CHECK": "1",
-        }  # fmt: skip
-        subprocess.run([python, "-m", "venv", fresh], check=True)
-        size = lambda: sum(path.stat().st_size for path in fresh.rglob("*") if not path.is_symlink())  # noqa: E731
-        before, begun = size(), time.monotonic()
-        only = ["--only-binary" if file == "wheel" else "--no-binary", NAME]
-        chosen = ["-c", str(index / "versions.txt")] if versions == "lock" else []
-        do = partial(subprocess.run, cwd=here, env=env, check=True, stdout=subprocess.DEVNULL)
-        do([fresh / "bin" / "python", "-m", "pip", "install", *only, *chosen, f"{NAME}=={VERSION}"])
-        installed, megabytes = time.monotonic(), (size() - before) / 1e6
+        do, programs, *numbers = installed(Path(folder), python, file, versions, index)
+        begun = time.monotonic()
         for command in COMMANDS:
-            do([fresh / "bin" / "bench", *command.split()])
-        if not (here / "results" / "adhoc" / "report.html").is_file():
+            do([programs / "bench", *command.split()])
+        if not Path(folder, "home", "here", "results", "adhoc", "report.html").is_file():
             sys.exit("make dist: bench report wrote no page")
-        numbers = (installed - begun, time.monotonic() - installed, megabytes)
+        numbers.insert(1, time.monotonic() - begun)
     return said, file, versions, *(f"{number:.0f}" for number in numbers)
+
+
+def installed(folder: Path, python: str, file: str, versions: str, index: Path) -> tuple[Any, Path, float, float]:
+    """Install `file` from `index` alone into `folder`; return what runs commands, their folder, seconds, MB."""
+    fresh, home = folder / "env", folder / "home"
+    (here := home / "here").mkdir(parents=True)
+    env = {
+        "PATH": os.environ["PATH"], "HOME": str(home), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1",
+        "http_proxy": NOWHERE, "https_proxy": NOWHERE, "PIP_INDEX_URL": (index / "simple").as_uri(),
+        "PIP_CONFIG_FILE": os.devnull, "PIP_NO_CACHE_DIR": "1", "PIP_DISABLE_PIP_VERSION_CHECK": "1",
+    }  # fmt: skip
+    subprocess.run([python, "-m", "venv", fresh], check=True)
+    size = lambda: sum(path.stat().st_size for path in fresh.rglob("*") if not path.is_symlink())  # noqa: E731
+    before, begun = size(), time.monotonic()
+    only = ["--only-binary" if file == "wheel" else "--no-binary", NAME]
+    chosen = ["-c", str(index / "versions.txt")] if versions == "lock" else []
+    do = partial(subprocess.run, cwd=here, env=env, check=True, stdout=subprocess.DEVNULL)
+    do([fresh / "bin" / "python", "-m", "pip", "install", *only, *chosen, f"{NAME}=={VERSION}"])
+    return do, fresh / "bin", time.monotonic() - begun, (size() - before) / 1e6
 
 
 if __name__ == "__main__":

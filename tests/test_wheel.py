@@ -174,6 +174,21 @@ def test_the_sdist_gives_the_same_wheel_to_the_byte(clone, wheel, links, tmp_pat
     assert again.read_bytes() == wheel.read_bytes()
 
 
+def test_what_each_python_compiles_comes_into_the_wheel_and_not_into_the_sdist(dist, clone, tmp_path, monkeypatch):
+    def installed(folder, python, *_):
+        return lambda command: (command[-1] / f"{python}.zip").touch(), tmp_path, 0.0, 0.0
+
+    monkeypatch.setattr(dist, "installed", installed)
+    monkeypatch.setattr(dist, "git", lambda *_: b"1700000000")
+    sdist = built(SdistBuilder, clone, to := tmp_path / "dist")
+    dist.bring_kernels(to, tmp_path, ["python3.11", "python3.13"])
+    [wheel] = to.glob("*.whl")
+    came = {name for name in zipfile.ZipFile(wheel).namelist() if name.endswith(".zip")}
+    assert came == {f"calibench/core/compilation/kernels/python3.{n}.zip" for n in (11, 13)}
+    with tarfile.open(sdist) as archive:
+        assert not [name for name in archive.getnames() if "kernels/" in name or name.endswith(".zip")]
+
+
 def test_the_wheel_is_whole_among_a_users_own_folders_of_our_names(wheel, tmp_path):
     lines = give(wheel, tmp_path, IMPORTS + COMMANDS)
     assert any(line.startswith("sensor_zero") for line in lines)

@@ -15,7 +15,7 @@ from calibench.bench.commands.console import print_json
 from calibench.bench.gate.processes import CAN_FORK
 from calibench.bench.provenance.environment import library_version, provenance
 from calibench.bench.words import split_flags
-from calibench.core.compilation import lanes
+from calibench.core.compilation import lanes, shipped
 from calibench.core.compilation.compiled import cache_folder, kernel_folder
 from calibench.core.kept import cache_root
 from calibench.core.process import libraries
@@ -87,12 +87,22 @@ def examined() -> dict[str, list[str]]:
         "system": [f"{platform.platform()}, {cores}{memory}{forks}"],
         "libraries": [", ".join(versions)],
         "BLAS": blas,
-        "kernels": [kernels],
+        "kernels": [kernels, _shipped({folder.name for folder in present})],
         "extras": [*_extras()],
         "disk": disk,
         "wrong": wrong,
     }
     return {name: [line.replace(home, "~") for line in lines] for name, lines in found.items()}
+
+
+def _shipped(present: set[str]) -> str:
+    """Say whether machine code that came with the installation is used where none is compiled here."""
+    if not (all_ := sorted(path.stem for path in shipped.FOLDER.glob("*.zip"))):
+        return "none came with the installation"
+    if (archive := shipped.archive()) is None:
+        return f"none that came with the installation fits: it has {', '.join(all_)}"
+    fitting = sum(name.partition("/")[0] in present for name in archive.namelist())
+    return f"{fitting} came with the installation, for {shipped.level()}, and are loaded where none is compiled here"
 
 
 def _extras() -> Iterator[str]:

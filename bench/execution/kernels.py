@@ -50,13 +50,20 @@ def load_kernels(specs: Iterable[Spec], fork: bool = True, compiling: Callable[[
             with suppress(Exception):  # the rows of its runs will have the error
                 made[word] = registry.make(name, **options) if is_own(registry, name) else None
         if fork:  # what no process has compiled yet: each module's parts in a process of their own, which keeps it
+            from calibench.core.compilation.shipped import modules  # it loads numba
+
             own = {
                 word: str(parts[word][0].factory(parts[word][1]).__module__)
                 for word, part in made.items()
                 if part is not None
             }
             asked = {word: [made.get(method) for method in beside.get(word, ())] for word in own}
-            noted = {f"{word} {asks_slopes(asked[word])} {module_digest(own[word])}": word for word in own}
+            digests = {word: module_digest(module) for word, module in own.items()}
+            noted = {
+                f"{word} {asks_slopes(asked[word])} {digest}": word
+                for word, digest in digests.items()
+                if digest not in modules()  # what came with the installation
+            }
             new = unseen(noted)
             by_module: dict[str, list[tuple[Any, list[Any]]]] = {}
             for word in map(noted.__getitem__, new):

@@ -116,7 +116,7 @@ def _compiling(**more: bool) -> Callable[[F], F]:
 
     settings: Any = numba.config
     if settings.CPU_FEATURES is None and settings.CPU_NAME is None and settings.ENABLE_AVX:
-        settings.CPU_FEATURES = _full_width()
+        settings.CPU_FEATURES = full_width()
     from calibench.core.compilation.loading import close, keep, without_literals
 
     compile_: Any = numba.njit
@@ -130,7 +130,7 @@ def _compiling(**more: bool) -> Callable[[F], F]:
 
 
 @cache
-def _full_width() -> str | None:
+def full_width() -> str | None:
     """Return this processor's features without the one that leaves half of a 512-bit unit idle; None: no change.
 
     Compilers keep to 256 bits because the first processors with 512 slowed down for them. With candidates in the lanes

@@ -17,6 +17,7 @@ from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]
 from numba.core.types import unliteral
 
 from calibench.core.compilation.compiled import kernel_folder, tell_compiling
+from calibench.core.compilation.shipped import kept_of
 
 
 @final
@@ -47,10 +48,14 @@ class _Locator:
 class _Files(CompileResultCacheImpl):
     _locator_classes: list[Any] = [_Locator, *CompileResultCacheImpl._locator_classes]  # noqa: RUF012  # numba's
 
+    def reduce(self, cres: Any) -> Any:
+        kept = super().reduce(cres)  # type: ignore[no-untyped-call]
+        return *kept[:6], "", *kept[7:]  # without a listing for people, which has the path of the source
+
 
 @final
 class KernelCache(FunctionCache):
-    """numba's cache of a function, which loads no compiler."""
+    """numba's cache of a function, which loads no compiler, and looks through what came with the installation too."""
 
     _impl_class = _Files
 
@@ -67,8 +72,17 @@ class KernelCache(FunctionCache):
                 self.flush()  # type: ignore[no-untyped-call]  # it is read again before anything is kept
             except OSError:
                 self.disable()  # type: ignore[no-untyped-call]
-        tell_compiling()
-        return None
+        if (came := self._came(sig, target_context)) is None:
+            tell_compiling()
+        return came
+
+    def _came(self, sig: Any, target_context: Any) -> Any:
+        try:
+            _, _, code = self._index_key(sig, target_context.codegen())  # type: ignore[no-untyped-call]
+            kept = kept_of(Path(self._cache_path).name, self._impl.filename_base, sig, code)
+            return kept and self._impl.rebuild(target_context, kept)
+        except Exception:  # as above: it is compiled, then
+            return None
 
 
 @cache

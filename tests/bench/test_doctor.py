@@ -4,6 +4,7 @@ import json
 from importlib.metadata import version
 
 from calibench.bench.commands import doctor
+from calibench.core.compilation import shipped
 
 
 def test_versions_machine_and_what_is_missing_are_told(run_bench, own_cache):
@@ -27,6 +28,20 @@ def test_a_package_that_does_not_load_is_named(run_bench, own_cache, monkeypatch
     code, out, _ = run_bench("doctor")
     assert code == 1
     assert "wrong       nlopt cannot be imported: ImportError: libnlopt.so: wrong ELF class\n" in out
+
+
+def test_machine_code_of_the_installation_that_does_not_fit_is_told(run_bench, own_cache, monkeypatch, tmp_path):
+    assert json.loads(run_bench("doctor --json")[1])["kernels"][1] == "none came with the installation"
+    monkeypatch.setattr(shipped, "FOLDER", tmp_path)
+    (tmp_path / "py39-numba-0.1.0-llvmlite-0.1.0-x86-64-v3.zip").touch()
+    shipped.archive.cache_clear()
+    told = json.loads(run_bench("doctor --json")[1])["kernels"][1]
+    assert told == "none that came with the installation fits: it has py39-numba-0.1.0-llvmlite-0.1.0-x86-64-v3"
+    shipped.pack(tmp_path, str(shipped.level()), [], tmp_path)
+    shipped.archive.cache_clear()
+    told = json.loads(run_bench("doctor --json")[1])["kernels"][1]
+    shipped.archive.cache_clear()
+    assert told == f"0 came with the installation, for {shipped.level()}, and are loaded where none is compiled here"
 
 
 def test_words_are_refused(run_bench):

@@ -13,7 +13,8 @@ from calibench import optimizers, problems
 from calibench.bench.execution import kernels
 from calibench.bench.execution.run import Spec, compile_parts
 from calibench.bench.gate import processes
-from calibench.core.compilation import compiled
+from calibench.core.compilation import compiled, shipped
+from calibench.core.sources import module_digest
 
 SPECS = [Spec(name, {}, method, {}, 10, 0) for name in ("sensor_zero", "orthoglide6") for method in ("de", "lm")]
 
@@ -53,6 +54,14 @@ def test_what_was_compiled_before_is_loaded_and_no_process_begins(book):
     before = len(book())
     kernels.load_kernels(SPECS)
     assert {pid for _, pid in book()[before:]} == {str(os.getpid())}
+
+
+def test_what_came_with_the_installation_is_loaded_and_no_process_begins(book, monkeypatch):
+    factories = [problems.registry.factory("sensor_zero"), optimizers.registry.factory("de")]
+    came = frozenset(module_digest(str(one.__module__)) for one in factories)
+    monkeypatch.setattr(shipped, "modules", lambda: came)
+    kernels.load_kernels(SPECS[:1])
+    assert {pid for _, pid in book()} == {str(os.getpid())}
 
 
 def test_residuals_are_compiled_in_no_process_before_a_method_asks_for_them(book):
