@@ -299,14 +299,14 @@ def _report(search: Search, whole: Formulation, known: Catalogue) -> reports.Rep
     ranked = best_of_each(first.names, first.on)
     for s in ranked:
         effect, seen = s.effect, s.seen.visible * uncancelled(s.effect, search.base)
-        least = smallest_amplitude(effect, s.energies, s.m, len(ranked))
+        least, span = smallest_amplitude(effect, s.energies, s.m, len(ranked)), getattr(effect, "span", np.nan)
         if not s.m or s.seen.visible < t.visible or seen < t.invisible:
-            hidden.append(reports.Invisible(s.name, effect.family, effect.target, seen, least, effect.unit))
+            hidden.append(reports.Invisible(s.name, effect.family, effect.target, seen, least, effect.unit, span))
         gain = delta_bic(s, first.on)
         table.append(
             reports.Candidate(
                 effect=s.name, family=effect.family, target=effect.target, gain=gain, p=s.p, visible_fraction=seen,
-                minimum_detectable=least, unit=effect.unit,
+                minimum_detectable=least, unit=effect.unit, span=span,
             )
         )  # fmt: skip
     named: dict[str, Any] = {"where": ()}

@@ -298,7 +298,10 @@ class OtherNoise:
 @final
 @dataclass(frozen=True)
 class Invisible:
-    """A candidate that calibration absorbs nearly completely, and the smallest amplitude that would be found."""
+    """A candidate that calibration absorbs nearly completely, and the smallest amplitude that would be found.
+
+    What grows evenly with a column has it over `span` of that column, as an `Amplitude`.
+    """
 
     effect: str
     family: str
@@ -306,6 +309,7 @@ class Invisible:
     visible_fraction: float
     minimum_detectable: float
     unit: str = ""
+    span: float = nan
 
 
 @final
@@ -331,6 +335,7 @@ class Candidate:
     visible_fraction: float
     minimum_detectable: float
     unit: str
+    span: float = nan
 
 
 @final

@@ -71,7 +71,7 @@ def _print(answer: Designed) -> None:
     print(f"{design.name}: {design.readings} readings, {design.constraints} constraints; no effect was fitted\n")
     sizes, rows = {k: len(names) for k, names in enumerate(design.classes)}, []
     for sight in design.candidates:
-        seen = smallest(sight.minimum_detectable, sight.unit) if sight.visible else "invisible"
+        seen = smallest(sight) if sight.visible else "invisible"
         group = str(sight.group + 1) if sizes.get(sight.group, 0) > 1 else ""
         rows.append([words[sight.effect], wording.share(sight.visible_fraction), seen, group])
     print_table(["effect", "visible share", "smallest size seen", "class"], rows)

@@ -31,6 +31,7 @@ from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical
 from calibench.bench.verbs import DesignWords, DiscoverWords
 from calibench.bench.words import RequestError, check_study, keys_of, read, read_workers
+from calibench.core.kept import cache_root
 from calibench.core.notes import Code, Note
 from calibench.core.options import Option, coerce, declared_options, read_word, suggest
 from calibench.core.process import meanwhile
@@ -40,6 +41,7 @@ from calibench.core.words import one_line, print_plain
 from calibench.discrepancy.checks.validate import refuse_no_machine
 from calibench.discrepancy.design.detectability import Design, design
 from calibench.discrepancy.design.next_poses import NextPoses, NoPool, UnknownRival, next_poses
+from calibench.discrepancy.fitting.journal import keeping_steps
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.machine import Completed, Machine
 from calibench.discrepancy.model.measured import DataError, MeasuredData
@@ -319,7 +321,8 @@ def _search(
         if source.data_id != data_id:
             raise DataError(f"{source.path}: changed while it was read; wait until it is written, then ask again")
         machine = request.build_machine()
-        report = with_advice(discrepancy.explain(machine, data), data, machine)
+        with keeping_steps(cache_root() / "searches" / digest(case_id, origin["versions"]), anew=retry):
+            report = with_advice(discrepancy.explain(machine, data), data, machine)
         if others:
             report = discrepancy.carried(report, [replace(o.read(request.stated), name=o.case) for o in others])
         report = replace(report, case=source.case)

@@ -37,8 +37,8 @@ FINDINGS_SCHEMA = pa.schema(
     [
         ("case_id", _TEXT), ("study", _TEXT), ("case", _TEXT), ("machine", _TEXT), ("verdict", _TEXT), ("rank", _INT),
         ("effect", _TEXT), ("family", _TEXT), ("target", _TEXT), ("amplitude", _REAL), ("amplitude_unit", _TEXT),
-        ("amplitude_low", _REAL), ("amplitude_high", _REAL), ("gain", _REAL), ("set", pa.list_(_RIVAL)),
-        ("separated_by", _TEXT), *_ORIGIN,
+        ("amplitude_low", _REAL), ("amplitude_high", _REAL), ("amplitude_span", _REAL), ("gain", _REAL),
+        ("set", pa.list_(_RIVAL)), ("separated_by", _TEXT), *_ORIGIN,
     ]
 )  # fmt: skip
 GAPS_SCHEMA = pa.schema(
@@ -118,7 +118,8 @@ class FindingStore:
                     **origin, "effect": finding.effect, "family": finding.family, "target": finding.target,
                     "gain": finite(finding.gain), "rank": rank, "amplitude": finite(finding.amplitude.value),
                     "amplitude_unit": finding.amplitude.unit, "amplitude_low": finite(low),
-                    "amplitude_high": finite(high), "set": finite(finding.set),
+                    "amplitude_high": finite(high), "amplitude_span": finite(finding.amplitude.span),
+                    "set": finite(finding.set),
                     "separated_by": finding.separated_by or "",
                 })  # fmt: skip
             gap = report.gap if report else Gap()

@@ -38,7 +38,8 @@ class Detectability:
     """One candidate: its visible fraction, its minimum detectable amplitude in `unit`, and the class it belongs to.
 
     The 1 % test over all candidates finds that amplitude with a power of 90 %. With several coefficients it is a mean
-    over their directions, with several forms the median. It is infinite where the candidate is invisible.
+    over their directions, with several forms the median. It is infinite where the candidate is invisible. What grows
+    evenly with a column has it over `span` of that column.
     """
 
     effect: str
@@ -48,6 +49,7 @@ class Detectability:
     visible_fraction: float
     minimum_detectable: float
     group: int
+    span: float = np.nan
 
     @property
     def visible(self) -> bool:
@@ -131,6 +133,7 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
         found.append(Detectability(
             effect=name, family=effect.family, target=effect.target, unit=effect.unit, visible_fraction=fraction,
             minimum_detectable=least if name in seen else np.inf, group=number.get(name, -1),
+            span=getattr(effect, "span", np.nan),
         ))  # fmt: skip
     used = formulation.data
     return Design(

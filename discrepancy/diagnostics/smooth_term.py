@@ -16,7 +16,7 @@ from calibench.discrepancy.model.effect import size
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model
-from calibench.discrepancy.model.roles import inputs_of, roles_of
+from calibench.discrepancy.model.roles import drifts_of, inputs_of, roles_of
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -105,9 +105,13 @@ def smooth_columns(formulation: Formulation, x: Array) -> dict[str, Array]:
 
 
 def smooth_terms(fit: Fit) -> tuple[SmoothTerm, ...]:
-    """Return the smooth terms of a fit, whose data must have the columns of `smooth_columns`."""
+    """Return the smooth terms of a fit, whose data must have the columns of `smooth_columns`.
+
+    They act on readings, which show the errors of all parts, and on parameters that may change, whose errors have
+    another sign in other readings.
+    """
     formulation, data = fit.model.formulation, fit.model.formulation.data
-    sensors, found = formulation.sensors, []
+    roles, sensors, found = roles_of(formulation), formulation.sensors, []
     for target, covariates in formulation.covariates(fit.at.recorded).items():
         columns = {name: _column(target, name, formulation) for name in covariates}
         if target != WORKSPACE:
@@ -119,6 +123,9 @@ def smooth_terms(fit: Fit) -> tuple[SmoothTerm, ...]:
         for sensor in (sensor for sensor in sensors if sensor.over_place):
             shown = next(iter(sensor.targets), sensor.column)
             found.append(_term(shown, "place", (sensor.column,), (*columns.values(),), data, over_place=True))
+    met = [c for c in drifts_of(roles) if c in data and data[c].dtype.kind in "iuf"]
+    for column in met if roles.parameters else ():
+        found += [_term(name, column, (name,), (column,), data) for name in roles.parameters]
     return tuple(term for term in found if term is not None)
 
 

@@ -20,6 +20,7 @@ from scipy.special import stdtrit
 
 from calibench.core.notes import Code, Note
 from calibench.core.words import plain
+from calibench.discrepancy.fitting.journal import kept_step
 from calibench.discrepancy.model.effect import Effect
 from calibench.discrepancy.model.machine import Formulation, Quantities, Slopes
 from calibench.discrepancy.model.measured import DataError, MeasuredData
@@ -122,8 +123,6 @@ class Fit:
         return np.asarray(learned * spread @ spread.T)
 
 
-# a step beyond the machine's reach: its cost is not finite, so it is refused
-@np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def fit(
     model: Model, noise: Noise, start: Array | None = None, *, near: bool = True, steps: int = 60,
     about: Fit | None = None,
@@ -132,6 +131,16 @@ def fit(
 
     `about` is a fit of nearly the same model to the same rows: its adjusted readings are the first ones.
     """
+    return kept_step(
+        lambda: _fit(model, noise, start, near, steps, about), ("fit", model.size, start, noise.scale, near),
+        lambda found: (found.x, readings_of(found.at.model), found.converged),
+        lambda kept: fit_at(model, noise, *kept),
+    )  # fmt: skip
+
+
+# a step beyond the machine's reach: its cost is not finite, so it is refused
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")
+def _fit(model: Model, noise: Noise, start: Array | None, near: bool, steps: int, about: Fit | None) -> Fit:
     x = model.start if start is None else np.asarray(start, dtype=float).copy()
     readings = readings_of(model)
     if start is None or not near:

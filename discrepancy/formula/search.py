@@ -10,6 +10,7 @@ do; beside it these may take what it leaves.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from itertools import combinations
 from math import nan
 from typing import final
@@ -21,6 +22,7 @@ from scipy.optimize import minimize
 from calibench.discrepancy.diagnostics.score import ProjectedScores, family_wise, projected_scores, signatures
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, products
 from calibench.discrepancy.fitting.fit import Fit, fit, orthonormal, predicted, reading_order, thinned
+from calibench.discrepancy.fitting.journal import kept_step
 from calibench.discrepancy.formula.effect import FormulaEffect, class_of
 from calibench.discrepancy.formula.grammar import LETTERS, SMOOTH_NUMBERS, Atom, Run, Term, formula_text
 from calibench.discrepancy.labels import quantity_of
@@ -109,7 +111,8 @@ def with_formula(
     for one, new in zip(tried[1:], errors[1:]):
         if new[0] <= old[0] and sum(new) < sum(old):
             better.append(one)
-    if not better or not _predicts(ground, best, whole, free, seed):
+    sure = partial(_predicts, ground, best, whole, free, seed)
+    if not better or not kept_step(sure, ("predicts", ground.x, ground.r)):
         return smooth, None
     final = better[0]
     if len(better) == 2:  # smooth functions of the rest stay where they add more than chance
@@ -155,7 +158,7 @@ def _answer_of(ground: Fit, whole: Formulation, seed: int, again: bool = True) -
     """
     search, about = _Search(thinned(ground), whole), ground
     while True:
-        found = search.best(np.random.default_rng(seed))
+        found = kept_step(partial(search.best, np.random.default_rng(seed)), ("formula", about.x, about.r))
         search.forget()
         if found is None:
             return None
@@ -313,11 +316,10 @@ class _Search:
         self.products, self.own = self._products([a for a in every if a.shape != "wave"])
         atoms = list(dict.fromkeys(a for product in self.products for a in product))
         place = {atom: k + 1 for k, atom in enumerate(atoms)}
-        self.table = np.stack([np.ones(len(self.data)), *(self.value(a)[:, 0] for a in atoms)], axis=0)
+        self.atoms = atoms
         # of each product, the rows of the table that it multiplies, (m, 2)
         self.factors = np.array([[place[a] for a in p] + [0] * (2 - len(p)) for p in self.products]).reshape(-1, 2)
         self.held = np.empty((0, 0))
-        self.wave_values = np.concatenate([self.value(a) for (a,) in self.waves], axis=1) if self.waves else self.held
         self.weights: dict[str, tuple[Array, Array | None]] = {}
         self.by_row: tuple[ProjectedScores, Array | None, Array] | None = None
         self.pulls: dict[str, tuple[ProjectedScores, Array]] = {}
@@ -399,6 +401,15 @@ class _Search:
                     places += range(len(products), len(products) + len(pairs))
             products += pairs
         return products, {name: np.array(places, dtype=int) for name, places in own.items()}
+
+    @cached_property
+    def table(self) -> Array:
+        """Return the values of the atoms of products, (1 + m, n), the first row of ones."""
+        return np.stack([np.ones(len(self.data)), *(self.value(a)[:, 0] for a in self.atoms)], axis=0)
+
+    @cached_property
+    def wave_values(self) -> Array:
+        return np.concatenate([np.empty((len(self.data), 0)), *(self.value(a) for (a,) in self.waves)], axis=1)
 
     def value(self, atom: Atom) -> Array:
         if atom not in self.values:
@@ -529,7 +540,7 @@ class _Search:
         """Let go of what only a search needs: an answer is told long after it."""
         for kept in (self.values, self.weights, self.pulls, self.lengths):
             kept.clear()
-        self.table, self.held, self.wave_values, self.by_row = *[np.empty((0, 0))] * 3, None
+        vars(self).update(table=np.empty((0, 0)), wave_values=np.empty((0, 0)), held=np.empty((0, 0)), by_row=None)
 
     def worth(self, T: float, rank: int, terms: Sequence[Term], on: ProjectedScores) -> float:
         """Return the description that a formula saves: what it explains, less its numbers and its place in the list."""

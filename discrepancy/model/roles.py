@@ -94,7 +94,8 @@ _Part = TypeVar("_Part", bound="Joint | Length | Instrument")
 class Roles:
     """What a machine is made of. `time` [s] and `temperature` [K] are columns of all readings, "" where there are none.
 
-    `columns` are further columns that an error may follow, as a polynomial or in cycles.
+    `columns` are further columns that an error may follow, as a polynomial or in cycles. `parameters` are numbers of
+    the machine that may be others in other readings: over a column, a temperature or the time.
     Raises `DataError` where two parts have one name.
     """
 
@@ -104,6 +105,7 @@ class Roles:
     temperature: str = ""
     instruments: tuple[Instrument, ...] = ()
     columns: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for argument, given in (("joints", self.joints), ("lengths", self.lengths), ("instruments", self.instruments)):
@@ -112,6 +114,7 @@ class Roles:
                     f"roles: {argument} is one {type(given).__name__}; a tuple is needed: {argument}=(..., )"
                 )
         refuse_word("roles: columns", self.columns)
+        refuse_word("roles: parameters", self.parameters)
         parts: tuple[Joint | Length | Instrument, ...] = (*self.joints, *self.lengths, *self.instruments)
         names = [ALL, *(part.name for part in parts)]
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -124,6 +127,7 @@ class Roles:
             _union(self.joints, other.joints), _union(self.lengths, other.lengths), self.time or other.time,
             self.temperature or other.temperature, _union(self.instruments, other.instruments),
             tuple(dict.fromkeys((*self.columns, *other.columns))),
+            tuple(dict.fromkeys((*self.parameters, *other.parameters))),
         )  # fmt: skip
 
     def refuse_unknown(self, formulation: Formulation) -> None:
@@ -132,6 +136,7 @@ class Roles:
         numbers = {*(p.name for p in formulation.parameters), *formulation.fixed}
         asked = [(one.name, one.reading, read, "reading or input") for one in self.joints]
         asked += [(one.name, one.quantity, numbers, "parameter or held number") for one in self.lengths]
+        asked += [("parameters", name, numbers, "parameter or held number") for name in self.parameters]
         measured = {*formulation.readings}
         asked += [(one.name, name, measured, "measured column") for one in self.instruments for name in one.columns]
         for part, name, known, what in asked:
@@ -166,6 +171,11 @@ def columns_of(roles: Roles) -> tuple[str, ...]:
     for one in roles.instruments:
         named += one.velocity
     return tuple(dict.fromkeys(name for name in (*named, *roles.columns) if name))
+
+
+def drifts_of(roles: Roles) -> tuple[str, ...]:
+    """Return the columns over which a parameter may be another one: no part of the machine is read by them."""
+    return tuple(dict.fromkeys(c for c in (*roles.columns, roles.temperature, roles.time) if c))
 
 
 def words_of(roles: Roles) -> dict[str, str]:

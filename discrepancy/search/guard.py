@@ -22,6 +22,7 @@ from scipy.linalg.lapack import dormqr, dpstrf, dpttrf, dpttrs, dsytrd
 
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit, once, orthonormal, project_off, thinned
+from calibench.discrepancy.fitting.journal import kept_step
 from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of, whole_of
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
@@ -188,6 +189,13 @@ def accounts(
 
     `errors` are names that may be the error of the form of these: what they explain is left to that.
     """
+    of = ("accounts", *map(name_of, (*named, *errors)), len(terms), at.x, at.r)
+    return kept_step(lambda: _accounts(at, terms, named, errors), of)
+
+
+def _accounts(
+    at: Fit, terms: Sequence[SmoothTerm], named: Sequence[Effect], errors: Sequence[Effect]
+) -> tuple[list[Account], Mapping[str, set[str]]]:
     fixed, at = (at.J, *named, *errors), thinned(at)
     part = _Part.of(at, named, errors)
     if part.degrees < _LEAST:

@@ -8,13 +8,14 @@ of the winner stay in its set.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
 from calibench.discrepancy.diagnostics import score
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit, fit_once, once, project_off
+from calibench.discrepancy.fitting.journal import kept_step
 from calibench.discrepancy.model import effect as effects
 from calibench.discrepancy.model.effect import Effect, is_possible, name_of
 from calibench.discrepancy.model.measured import MeasuredData
@@ -100,9 +101,33 @@ def run_tests(
     spared: bool = False,
 ) -> Tests:  # fmt: skip
     """Test all candidates against a fit; without `rng` the smallest p are corrected by their number (Bonferroni)."""
-    on, t = score.projected_scores(at, spared), thresholds()
+    on, members = score.projected_scores(at, spared), (*candidates, *smooth)
+
+    def pack(tests: Tests) -> tuple[Any, ...]:
+        state = None if rng is None else rng.bit_generator.state
+        places = {id(effect): place for place, effect in enumerate(members)}
+        each = [
+            [(places[id(s.effect)], vars(s) | {"effect": None}) for s in own] for own in (tests.names, tests.smooth)
+        ]
+        return state, each, tests.p_names, tests.p_smooth
+
+    def unpack(kept: tuple[Any, ...]) -> Tests:
+        state, each, *p = kept
+        if rng is not None:
+            rng.bit_generator.state = state
+        names, smooth = (tuple(score.Scored(**(s | {"effect": members[place]})) for place, s in own) for own in each)
+        return Tests(on, names, smooth, *p)
+
+    of = ("tests", len(candidates), len(smooth), spared, at.x, at.r)
+    return kept_step(lambda: _tested(at, on, candidates, smooth, rng), of, pack, unpack)
+
+
+def _tested(
+    at: Fit, on: score.ProjectedScores, candidates: Sequence[Effect], smooth: Sequence[SmoothTerm],
+    rng: np.random.Generator | None,
+) -> Tests:  # fmt: skip
     scored: list[list[score.Scored]] = []
-    p = []
+    p, t = [], thresholds()
     groups: tuple[tuple[Sequence[Effect], float], ...] = ((candidates, t.visible), (smooth, t.smooth_visible))
     for members, least in groups:
         tested = score.score_all(at, on, members, least, bases=rng is not None, sums=True)

@@ -18,6 +18,7 @@ from calibench.core.words import plain
 from calibench.discrepancy.diagnostics.score import projected_scores
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns
 from calibench.discrepancy.fitting.fit import Fit, fit, once, project_off, thinned
+from calibench.discrepancy.fitting.journal import kept_step
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
@@ -120,6 +121,17 @@ def fit_smooth(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
 
 
 def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
+    smooth = kept_step(lambda: _components(base, terms), ("smooth", len(terms), base.x, base.r))
+    if not smooth:
+        return base
+    columns = tuple(name for component in smooth for name in component.columns)
+    effect = Smooth(smooth, base.model.formulation, base.x, smooth[0].target, columns=columns)
+    after = fit(base.model.with_effects(effect), base.noise, base.x)
+    return after if after.cost < base.cost else base
+
+
+def _components(base: Fit, terms: tuple[SmoothTerm, ...]) -> tuple[Component, ...]:
+    """Return the smooth functions that these data support beside a fit, with their weights."""
     part, t = thinned(base), thresholds()
     at, on, y, gain = part.at, projected_scores(part), base.noise.scores(part.r), base.noise.gain
     n, c = at.misclosure.shape
@@ -187,18 +199,14 @@ def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
         best, B, raws = error, more, further
         chosen[k] = variances
     if not chosen:
-        return base
+        return ()
 
     w = -np.linalg.solve(_rest(B, on.y, on.degrees) ** 2 * np.eye(B.shape[1]) + B.T @ B, B.T @ on.y)
     ends = np.cumsum([len(v) for v in chosen.values()])[:-1]
-    smooth = [
+    return tuple(
         replace(tried[k][0], weights=np.asarray(own * np.sqrt(v)), variances=np.asarray(v))
         for (k, v), own in zip(chosen.items(), np.split(w, ends))
-    ]
-    columns = tuple(name for component in smooth for name in component.columns)
-    effect = Smooth(tuple(smooth), base.model.formulation, base.x, smooth[0].target, columns=columns)
-    after = fit(base.model.with_effects(effect), base.noise, base.x)
-    return after if after.cost < base.cost else base
+    )
 
 
 def left_out(at: Fit, fold: Array) -> Array:

@@ -22,7 +22,7 @@ from calibench.bench.discovery.page.figures import (
     where_map,
     workspace_map,
 )
-from calibench.bench.discovery.page.page import Page, parameter_table, score_table, set_table, untested_lines
+from calibench.bench.discovery.page.page import Page, parameter_table, score_table, set_table, smallest, untested_lines
 from calibench.bench.discovery.page.words import column_sentence, headline, next_sentences
 from calibench.bench.report.shared.page import macros
 from calibench.discrepancy.labels import effect_label
@@ -48,8 +48,14 @@ def _limits(report):
     return page[page.index("What these data could not tell") :]
 
 
-def _candidate(family, target, fraction, least, unit):
-    return Candidate(f"{family} {target}", family, target, 1.0, 0.1, fraction, least, unit)
+def _candidate(family, target, fraction, least, unit, span=float("nan")):
+    return Candidate(f"{family} {target}", family, target, 1.0, 0.1, fraction, least, unit, span)
+
+
+def test_the_smallest_size_over_a_column_is_told_per_unit_of_it_as_a_finding_is():
+    over = _candidate("parameter_over", "k over temp_K", 0.5, 2.0, "mm", 10.0)
+    assert smallest(over) == "0.200 mm per unit of temp_K"
+    assert smallest(_candidate("link_length", "la1", 0.5, 2.0, "mm")) == "2.00 mm"
 
 
 def test_a_parameter_has_its_unit_its_meaning_and_no_negative_zero():

@@ -18,7 +18,7 @@ import pytest
 
 from calibench import discover, testing
 from calibench.bench.cli import main
-from calibench.bench.discovery.page.words import amplitude_words, headline
+from calibench.bench.discovery.page.words import amplitude_words, headline, unnamed_sentences
 from calibench.bench.measured import read_measured, write_measured
 from calibench.core.notes import Code
 from calibench.discrepancy import DataError, MeasuredData, explain, machines
@@ -27,10 +27,12 @@ from calibench.discrepancy.formula.grammar import Atom, Term
 from calibench.discrepancy.machines.simulator.caller import Caller, Names, duration, of_function
 from calibench.discrepancy.machines.simulator.local import LocalModel, Variable
 from calibench.discrepancy.model.effect import name_of
+from calibench.discrepancy.model.formulations import Predicted
 from calibench.discrepancy.model.model import Model
-from calibench.discrepancy.model.roles import roles_of, words_of
+from calibench.discrepancy.model.roles import Roles, roles_of, words_of
 from calibench.discrepancy.report import Place, Report
 from calibench.discrepancy.search.finding import amplitude_of
+from calibench.problems.base import Parameter
 
 SPRING = """
 import numpy as np
@@ -124,6 +126,30 @@ def test_what_is_hidden_at_inputs_parameters_and_outputs_is_named_and_closes_the
     assert any(name in names for names in named), (report.verdict, named)
     assert report.gap.held_out_after < 1.25 * report.gap.noise_floor < report.gap.held_out_before
     assert ("per unit of box" in headline(report)) == ("over box" in name)
+
+
+@pytest.mark.parametrize("course", [lambda s: np.sin(6 * np.pi * s), lambda s: np.sign(np.sin(5 * np.pi * s + 0.3))])
+def test_a_parameter_that_changes_back_and_forth_is_told_as_that_and_not_as_an_input(spring, course):
+    rng, n = np.random.default_rng(1), 240
+    u, t, run = rng.uniform(-1.5, 1.5, n), rng.uniform(0.2, 2.0, n), np.linspace(0, 1, n)
+    k, rise = 2.2 + 0.04 * course(run), 1 - np.exp(-t / 0.55)
+    y, z = u / k * rise, np.sin(u) * rise + 0.1 * k * t
+    columns = {"u": u, "t": t, "t_s": 60.0 * np.arange(n), "y": y, "z": z}
+    columns |= {name: columns[name] + 0.002 * rng.standard_normal(n) for name in ("y", "z")}
+    split = np.where(np.arange(n) % 3 == 0, "hold", "train")
+    report = explain(simulator(spring), MeasuredData({**columns, "split": split}, "simulator", {}, "wanders"))
+    assert report.verdict == "unknown"
+    assert (report.unnamed[0].quantity, report.unnamed[0].covariate) == ("k", "t_s")
+    assert report.gap.excess_shrink > 0.8
+    assert any(line.startswith("k errs over") for line in unnamed_sentences(report))
+
+
+def test_parameters_that_may_change_are_numbers_of_the_machine():
+    with pytest.raises(DataError, match="parameters: 'mass' is no parameter or held number; there are a"):
+        Roles(parameters=("mass",)).refuse_unknown(Predicted(
+            MeasuredData({"u": np.arange(3.0), "y": np.arange(3.0)}, "table"), lambda q: q["a"] * q["u"],
+            (Parameter("a", "", 1.0, 0.0, 2.0),), measured={"y": 0.1}, inputs=("u",),
+        ))  # fmt: skip
 
 
 @pytest.mark.parametrize(("low", "high"), [(10.0, 40.0), (-40.0, -10.0), (-10.0, 40.0)])

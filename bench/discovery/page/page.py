@@ -22,13 +22,14 @@ from calibench.bench.report.shared.page import Head, Table, inline_svg, macros, 
 from calibench.bench.store.atomic_file import write_whole
 from calibench.core.notes import Note, once
 from calibench.core.words import as_sentence, plain
+from calibench.discrepancy.design.detectability import Detectability
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, quantity_of
 from calibench.discrepancy.model.effect import Untestable
 from calibench.discrepancy.model.machine import Correction, last_word
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.registries import description_of, family_of
-from calibench.discrepancy.report import Candidate, Finding, Invisible, Report, Rival
+from calibench.discrepancy.report import Amplitude, Candidate, Finding, Invisible, Report, Rival
 
 _MARKS = {
     "none": ("✓", "nothing missing"), "negligible": ("≈", "too small to matter"), "named": ("●", "named"),
@@ -258,7 +259,7 @@ def limits(report: Report) -> dict[str, Any]:
             [
                 effect_label(report.machine, item.family, item.target),
                 words.share(item.visible_fraction) if isfinite(item.visible_fraction) else "–",
-                smallest(item.minimum_detectable, item.unit),
+                smallest(item),
             ]
             for item in items
         ]
@@ -312,9 +313,10 @@ def untested_lines(machine: str, items: Sequence[Untestable]) -> list[str]:
     return lines
 
 
-def smallest(value: float, unit: str) -> str:
+def smallest(of: Candidate | Invisible | Detectability) -> str:
     """Return the smallest size that would have been seen; "" for one that no machine can have."""
+    value, unit = of.minimum_detectable, of.unit
     if not isfinite(value):
         return "none: no size shows"
     most, text = _BEYOND.get(unit, (float("inf"), ""))
-    return text if value > most else words.amount(value, unit)
+    return text if value > most else words.amplitude_words(Amplitude(value, unit, span=of.span), of.target)

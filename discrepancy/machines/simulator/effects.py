@@ -13,7 +13,7 @@ from calibench.discrepancy.model.effect import EffectFamily, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model
-from calibench.discrepancy.model.roles import Roles, roles_of
+from calibench.discrepancy.model.roles import drifts_of, roles_of
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -64,16 +64,8 @@ def _over(family: EffectFamily, formulation: Formulation, target: str) -> Built:
 
 
 def _parameters_over(formulation: Formulation) -> tuple[str, ...]:
-    """Return each parameter over each column that no part of the machine is read by, the clock among them."""
     roles = roles_of(formulation)
-    if not roles.joints:  # rows that depend on each other
-        return ()
-    names = (*(p.name for p in formulation.parameters), *formulation.fixed)
-    return tuple(f"{p} over {c}" for p in names for c in _covariates(roles))
-
-
-def _covariates(roles: Roles) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(c for c in (*roles.columns, roles.temperature, roles.time) if c))
+    return tuple(f"{p} over {c}" for p in roles.parameters for c in drifts_of(roles))
 
 
 FAMILIES = (
@@ -97,7 +89,7 @@ FAMILIES = (
     recipe(
         "output_gain", "An instrument's scale changes with a column", "measured -= k measured u / max|u|, u from its "
         "mean or 0", channel="prediction", columns=("the column",), unit="1", targets="measured columns over columns",
-        targets_in=lambda f: tuple(f"{y} over {c}" for y in f.readings for c in _covariates(roles_of(f))),
+        targets_in=lambda f: tuple(f"{y} over {c}" for y in f.readings for c in drifts_of(roles_of(f))),
         make=_output_gain, label="change of scale", bounds=("largest_scale",),
     ).enter("simulator"),
     columns.frame_drift.enter(

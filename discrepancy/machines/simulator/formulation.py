@@ -148,8 +148,8 @@ class SimulatorMachine:
             data, predict,
             tuple(Parameter(p, "", found[p], *limits[1:]) for p, limits in numbers.items() if free[p]),
             measured=measured, inputs=inputs, held={p: limits[0] for p, limits in numbers.items() if not free[p]},
-            unit="", instruments=sensors, roles=self._roles(data, local, names, clock), slopes=slopes, of_rows=of_rows,
-            at_end=of_rows.remarks,
+            unit="", instruments=sensors, roles=self._roles(data, local, names, free, clock), slopes=slopes,
+            of_rows=of_rows, at_end=of_rows.remarks,
         )  # fmt: skip
 
     def _declared(
@@ -205,7 +205,9 @@ class SimulatorMachine:
             raise DataError(f"{', '.join(sorted(twice))}: a name is an input, a parameter or measured: one of these")
         return tuple(map(str, inputs)), limits, measured
 
-    def _roles(self, data: MeasuredData, local: LocalModel, names: Names, clock: str) -> Roles:
+    def _roles(
+        self, data: MeasuredData, local: LocalModel, names: Names, free: Mapping[str, bool], clock: str
+    ) -> Roles:
         def beside(u: str, ending: str, made: str = "") -> str:
             return next((c for c in (f"{u}{ending}", f"{made}{u}") if c != u and c in data), "")
 
@@ -226,7 +228,9 @@ class SimulatorMachine:
         instruments = tuple(Instrument(y, (y,), (f"{RATE}{y}",) if f"{RATE}{y}" in data else ()) for y in names.outputs)
         heat = next((c for c in ("temp_K", "temperature") if c in data), "")
         of_run = "" if clock in names.inputs else clock  # time within a trial is an input, and no clock of the run
-        return Roles(tuple(joints), (), of_run, heat, instruments, tuple(c for c in others if np.ptp(data[c])))
+        columns = tuple(c for c in others if np.ptp(data[c]))
+        parameters = sorted(free, key=lambda p: not free[p]) if local.independent else ()
+        return Roles(tuple(joints), (), of_run, heat, instruments, columns, tuple(parameters))
 
 
 @final
