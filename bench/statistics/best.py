@@ -12,12 +12,12 @@ Edgeworth Expansion, 1992, section 3 (the interval of the ratio).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import comb, inf, log, nan, sqrt
+from math import comb, erfc, inf, log, nan, sqrt
+from statistics import NormalDist
 from typing import Literal, final
 
 import numpy as np
 import pandas as pd
-from scipy.special import ndtr, ndtri
 
 from calibench.bench.statistics import ranking
 from calibench.bench.statistics.cells import METHOD, TASK
@@ -197,7 +197,9 @@ def _stouffer(p: Sequence[float]) -> float:
     """
     if len(p) == 1:
         return float(p[0])
-    return float(ndtr(sum(ndtri(np.asarray(p))) / sqrt(len(p))))
+    score = NormalDist().inv_cdf
+    total = sum(score(each) if 0 < each < 1 else inf * (each - 0.5) for each in p)
+    return erfc(-total / sqrt(2 * len(p))) / 2
 
 
 def ratio_of(both: Sequence[tuple[Side, Side]]) -> Ratio:

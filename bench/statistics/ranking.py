@@ -267,7 +267,8 @@ def looks_of(named: pd.DataFrame, methods: list[str]) -> dict[str, int]:
     """Return method -> the number of its look, of runs with a column `method`; their order where none is given."""
     if LOOK not in named:
         return {method: i for i, method in enumerate(methods)}
-    return dict(zip(named["method"], named[LOOK].astype(int), strict=True))
+    looks = named[["method", LOOK]].drop_duplicates()
+    return dict(zip(looks["method"], looks[LOOK].astype(int), strict=True))
 
 
 def holm(p: ArrayLike) -> Array:

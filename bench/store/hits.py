@@ -229,6 +229,12 @@ def _crossed(runs: _Runs, points: Points, levels: Sequence[_Quantity], lists: Se
     """Return the crossings of the runs of one problem; `at` are their places in `lists`."""
     parts = []
     answer = runs["best_evaluation"]
+    declared, *counted = lists
+    watched = []  # of runs with the same declared levels: these, places of the runs, and when each was reached
+    for listed, places in declared.alike(at):
+        tables = [each.flat[each.begins[at[places], None] + np.arange(len(listed))] for each in counted]
+        if len(listed):
+            watched.append((listed, places, [np.where(np.isnan(t), NEVER, t).astype(np.int64) for t in tables]))
     for one in levels:
         if not np.isfinite(one.level).all():
             values = runs.get(one.name, np.full(len(at), np.nan))
@@ -237,12 +243,7 @@ def _crossed(runs: _Runs, points: Points, levels: Sequence[_Quantity], lists: Se
             parts.append(_by_the_answer(points, answer, reached & (answer > 0)[:, None]))
             continue
         found = crossings(points, one.level, runs["ours"])
-        declared, *watched = lists
-        for listed, places in declared.alike(at):
-            tables = [each.flat[each.begins[at[places], None] + np.arange(len(listed))] for each in watched]
-            hits = [np.where(np.isnan(table), NEVER, table).astype(np.int64) for table in tables]
-            if not len(listed):
-                continue
+        for listed, places, hits in watched:
             # by what the gate watched, the exact hits of declared levels, largest first: the one next to each level
             some = found[:, places]
             easier, harder = listed >= one.level[:, None], listed <= one.level[:, None]  # (levels, declared)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,7 +14,7 @@ from benchmarks.statistics import best_of_many
 from calibench.bench.report.study.answer import answer
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary
-from calibench.bench.statistics.best import Rival, Side, ratio_of, rivals_of
+from calibench.bench.statistics.best import Rival, Side, _stouffer, ratio_of, rivals_of
 from calibench.bench.statistics.ranking import order_of_scores as order_of, places, scores
 from calibench.bench.statistics.targets import COLUMN, with_lowest_seen
 from calibench.bench.statistics.two_studies import rank_sum_tails, signed_rank_tails
@@ -265,6 +268,18 @@ def test_an_abandoned_plan_is_not_waited_for_and_decides_nothing(tmp_path):
     assert "lm reaches" not in page
     store.plan(first.labels, called=first.called, budgets=first.budgets)
     assert not store.manifest()["abandoned"]
+
+
+def test_normal_scores_are_joined_as_scipy_joins_them():
+    rng = np.random.default_rng(8)
+    for p in (rng.uniform(size=5), 10.0 ** rng.uniform(-200, 0, 3), np.array([1.0, 0.5]), np.array([0.0, 0.3])):
+        assert _stouffer(p.tolist()) == pytest.approx(stats.combine_pvalues(p, "stouffer").pvalue, rel=1e-9, abs=0.0)
+
+
+def test_a_report_of_few_runs_does_not_wait_for_scipy():
+    code = "import sys, calibench.bench.report.study.write; print('scipy' in sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
+    assert loaded == "False\n"
 
 
 def test_tails_of_many_runs_are_those_of_scipy_to_the_last_bit():

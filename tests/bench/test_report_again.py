@@ -1,6 +1,9 @@
 """`bench report` once more: what is still true is not made again, and whatever has changed is."""
 
 import json
+import os
+import subprocess
+import sys
 
 import pytest
 
@@ -63,3 +66,10 @@ def test_a_file_that_runs_name_is_looked_at_too(tmp_path):
     assert kept.is_current(tmp_path / "study")
     arm.write_text("another arm")
     assert not kept.is_current(tmp_path / "study")
+
+
+def test_another_process_knows_the_code_by_the_same_digest():
+    command = [sys.executable, "-c", "from calibench.bench.report.shared.kept import code; print(code())"]
+    environments = ({**os.environ, "PYTHONHASHSEED": seed} for seed in "12")
+    first, second = (subprocess.run(command, env=one, check=True, capture_output=True).stdout for one in environments)
+    assert first == second

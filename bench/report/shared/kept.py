@@ -63,7 +63,7 @@ def state_of(folder: Path, names: Iterable[str] = ()) -> State:
     """Return the state of all files in `folder`, by their relative path, and of those of `names` that are absolute."""
     found = {}
     for place, _, files in os.walk(folder):
-        for file in {*files} - {RECORD, ".lock"}:
+        for file in sorted({*files} - {RECORD, ".lock"}):  # `code` is a digest
             path = Path(place) / file
             found[path.relative_to(folder).as_posix()] = state_of_file(path)
     return found | {name: state_of_file(Path(name)) for name in names if os.path.isabs(name)}

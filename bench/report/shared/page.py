@@ -75,7 +75,7 @@ def rounded(svg: str) -> str:
     >>> rounded('<path d="M 12.345678 7.5 "/>')
     '<path d="M 12.34 7.5 "/>'
     """
-    return re.sub(r' (?:d|x|y)="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), svg)
+    return re.sub(r' (?:d|x|y)="[^"]*"', lambda found: re.sub(r"(?<=\.\d\d)\d+", "", found[0]), svg)
 
 
 def drawing_inside(path: Path, name: str) -> Inline:

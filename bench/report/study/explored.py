@@ -83,7 +83,7 @@ def explored(
     numbers = first[[*CELL, "cell", "panel", "method"]].merge(summary, on=CELL, how="left")
     names = methods_in_order(runs, summary)
     groups = groups_of(runs)
-    group_names = list(dict.fromkeys(groups))
+    group_names = list(groups.unique())
     count = len(numbers)
     at = _grid(float(runs["charged"].max()), _CURVES // (3 * count), 90)
     costs = _grid(float(runs["charged"].max()), _SHARES // (2 * count), 120)

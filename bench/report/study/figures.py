@@ -106,7 +106,7 @@ def panels_of(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Drawing:
     """Draw the best error over charged evaluations, median and quartiles, a panel for each error function."""
-    errors = sorted(set(errors_of(runs)))
+    errors = sorted(errors_of(runs).unique())
     runs = runs.assign(method=method_labels(runs))
     named = named_methods(runs)
     looks = looks_of(runs, named)
@@ -127,7 +127,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
 
 def named_methods(runs: pd.DataFrame) -> list[str]:
     """Return the methods (column `method`) that have a colour: all, or of a field the best, before a grey rest."""
-    methods = list(dict.fromkeys(runs["method"]))
+    methods = list(runs["method"].unique())
     if len(methods) <= _FIELD:
         return methods
     cells = stats.summary(runs)
@@ -141,7 +141,7 @@ def convergence_bands(runs: pd.DataFrame, traces: pd.DataFrame) -> pd.DataFrame:
     """Return the band of each method (column `method`) on one problem: method, charged, q1, median, q3, runs."""
     known = optimum_of(runs)
     at = np.unique(np.round(np.geomspace(1, max(10.0, float(runs["charged"].max())), 240)))
-    methods = list(dict.fromkeys(runs["method"]))
+    methods = list(runs["method"].unique())
     quartiles = bands(runs.assign(cell=runs["method"].map(methods.index)).reset_index(drop=True), traces, at)
     begun = set(traces["run_id"].unique())
     drawn = [pd.DataFrame(columns=["method", "charged", "q1", "median", "q3", "runs"])]
@@ -221,7 +221,7 @@ def spread_text(runs: pd.DataFrame) -> str:
 def target_chart(runs: pd.DataFrame, title: str = "", marks: Sequence[Mark] = ()) -> Drawing:
     """Draw what each method paid to the last target: a dot a run, a hollow triangle where it never got there, a panel
     an error function with `marks` as lines; the share that got there stands beside the name."""
-    errors = sorted(set(errors_of(runs)))
+    errors = sorted(errors_of(runs).unique())
     table = runs.assign(error=errors_of(runs), method=method_labels(runs), hit=stats.goal_hits(runs))
     table = table[["error", "method", "run_id", "hit", "charged", "status"]]
     with rc_context(STYLE):
