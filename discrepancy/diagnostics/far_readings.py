@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, ndtr, stdtr, stdtrit
 
 from calibench.discrepancy.diagnostics.smooth_term import curve, smooth_columns
-from calibench.discrepancy.fitting.fit import PLACE, Fit, linearise, readings_of
+from calibench.discrepancy.fitting.fit import PLACE, Fit, Linearised, linearise, readings_of
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured import blamable
 from calibench.discrepancy.model.model import Model
@@ -139,13 +139,17 @@ _APART, _BETWEEN = 1e-5, 0.05  # chances, over all rows, of rows that lie apart,
 _APART_OF, _CLOSE = 100, 3  # rows, at least, and rows to the next one of the same burst
 
 
+# residuals (n, c), their rows, where these are linearised, and the width of each residual in units of the noise
+_Part = tuple[Array, Formulation, Linearised, Array]
+
+
 def standing_out(final: Fit, unseen: Formulation | None) -> Standing | None:
     """Return the rows that stand out of what a fit leaves, and of `unseen` rows; None without such a row."""
     fitted = final.model.formulation
     if final.exact:
         return None
     r = final.r.reshape(len(fitted.data), -1)
-    parts = [(r, fitted)]
+    parts: list[_Part] = [(r, fitted, final.at, np.ones(r.size))]
     if unseen is not None and not final.noise.autocorrelation:
         # in units that hold the doubt of the parameters as well
         extra = {name: variance for name, variance in final.noise.extra.items() if np.ndim(variance) == 0}
@@ -154,9 +158,10 @@ def standing_out(final: Fit, unseen: Formulation | None) -> Standing | None:
         at = linearise(model, Noise(extra=extra), final.x, readings, readings)
         beyond, J = at.whiten(at.misclosure), at.whiten(at.columns)
         share = np.einsum("np,pq,nq->n", J, final.covariance(stated=True), J)
-        parts.append(((beyond / np.sqrt(1 + np.maximum(share, 0.0))).reshape(len(unseen.data), -1), unseen))
-    left = np.concatenate([one for one, _ in parts])
-    each = [rows.data for _, rows in parts]
+        width = np.sqrt(1 + np.maximum(share, 0.0))
+        parts.append(((beyond / width).reshape(len(unseen.data), -1), unseen, at, width))
+    left = np.concatenate([one for one, *_ in parts])
+    each = [rows.data for _, rows, *_ in parts]
     numbers = np.concatenate([data.row_numbers for data in each])
     places = np.concatenate([data.columns.get(PLACE, data.row_numbers) for data in each]).astype(float)
     order = np.argsort(places, kind="stable")
@@ -172,27 +177,30 @@ def standing_out(final: Fit, unseen: Formulation | None) -> Standing | None:
         return None
     rows = np.concatenate(runs)
     times = float(np.sqrt(np.mean(left[rows][left[rows] != 0] ** 2))) / _core(left[others])
-    sensor, size = _sensor(final, [run[run < len(r)] for run in runs])
+    sensor, size = _sensor(left, parts, runs)
     named = tuple(tuple(sorted(numbers[run].tolist())) for run in runs)
     return Standing(named, times, sensor, size, others[: len(r)])
 
 
-def _sensor(final: Fit, runs: Sequence[Rows]) -> tuple[str, float]:
+def _sensor(left: Array, parts: Sequence[_Part], runs: Sequence[Rows]) -> tuple[str, float]:
     """Return the sensor of which one error a run explains the rows, and the rms of the errors; "" without one."""
-    at, fitted = final.at, final.model.formulation
-    r, whole = final.r.reshape(len(fitted.data), -1), 0.0
-    explained: dict[str, float] = {}
-    errors: dict[str, list[float]] = {}
-    sensors = blamable(fitted.sensors)
+    slopes = {
+        sensor.column: np.concatenate([
+            (at.whiten(at.reading_slopes[:, :, rows.readings.index(sensor.column)]).ravel() / width).reshape(one.shape)
+            for one, rows, at, width in parts
+        ])
+        for sensor in blamable(parts[0][1].sensors)
+    }  # fmt: skip
+    whole, explained = 0.0, dict.fromkeys(slopes, 0.0)
+    errors: dict[str, list[float]] = {column: [] for column in slopes}
     for run in runs:
-        whole += float((r[run] ** 2).sum())
-        for sensor in sensors:
-            slopes = at.reading_slopes[:, :, fitted.readings.index(sensor.column)]
-            s = at.whiten(slopes).reshape(r.shape)[run]
-            square, across = float((s**2).sum()), float((s * r[run]).sum())
+        whole += float((left[run] ** 2).sum())
+        for column, each in slopes.items():
+            square, across = float((each[run] ** 2).sum()), float((each[run] * left[run]).sum())
             if square > 0:
-                explained[sensor.column] = explained.get(sensor.column, 0.0) + across**2 / square
-                errors.setdefault(sensor.column, []).append(across / square)
+                explained[column] += across**2 / square
+                errors[column].append(across / square)
+    explained = {column: share for column, share in explained.items() if errors[column]}
     if not explained:
         return "", float("nan")
     first, *others = sorted(explained, key=lambda name: -explained[name])
