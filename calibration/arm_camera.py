@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from calibench.calibration.arm import Arm, placement
 from calibench.calibration.columns import POSITION, QUATERNION, by_their_names, match_columns
@@ -112,4 +112,4 @@ def frames_of_fit(arm: Arm, fit: Fit, draws: Array, mounting: Mounting) -> tuple
 
 def _spread(covariance: Array, slopes: Array) -> tuple[Array, Array]:
     se = np.sqrt(np.einsum("mi,ij,mj->m", slopes, covariance, slopes))
-    return se, norm.ppf(0.975) * se
+    return se, ndtri(0.975) * se

@@ -13,7 +13,7 @@ from typing import Any, final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import norm, t
+from scipy.special import ndtri, stdtrit
 
 from calibench.calibration import hand_eye_start as begin
 from calibench.calibration.closed_forms import ClosedForm, closed_forms
@@ -173,7 +173,7 @@ def spread(adjustment: Adjustment, slopes: Array) -> tuple[Array, Array]:
 
 
 def _student(chance: float, freedom: Array) -> Array:
-    return np.where(np.isfinite(freedom), t.ppf(chance, np.minimum(freedom, 1e9)), norm.ppf(chance))
+    return np.where(np.isfinite(freedom), stdtrit(np.minimum(freedom, 1e9), chance), ndtri(chance))
 
 
 _CHANCE = 1e-3  # of noise alone to be told as a scale

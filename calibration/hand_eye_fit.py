@@ -14,7 +14,7 @@ from typing import final
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
-from scipy.stats import f, norm
+from scipy.special import fdtrc, ndtri
 
 from calibench.calibration.normal import covariance_of, descend
 from calibench.calibration.rigid import Array, Index, Mask, inverse, rotation_of, rpy_of, vector_of
@@ -150,7 +150,7 @@ def adjust(
             if known[k] or max(along, across) <= 1e3 * _FLOOR:
                 continue
             ratio = (along / across) ** 2
-            chance = f.sf(ratio, found_apart.freedom[k], found_apart.freedom[k + 2])
+            chance = fdtrc(found_apart.freedom[k], found_apart.freedom[k + 2], ratio)
             if min(chance, 1 - chance) < _CHANCE / 2:
                 groups[3 * k + 1 : 3 * k + 3] = k + 2
     if not np.array_equal(groups, found.groups):
@@ -166,7 +166,7 @@ def adjust(
             one = residuals[:, found.groups == g]
             one = one - one.mean(axis=0)
             r = float((one[1:] * one[:-1]).sum() / max(float((one**2).sum()), _FLOOR))
-            if found.noise[g] > 1e3 * _FLOOR and r * np.sqrt(one.size) > norm.ppf(1 - _CHANCE):
+            if found.noise[g] > 1e3 * _FLOOR and r * np.sqrt(one.size) > ndtri(1 - _CHANCE):
                 alike[g] = min(r, 0.98)
     fewer = (1 + alike) / (1 - alike)
     freedom = np.maximum(found.freedom / fewer, _LEAST)

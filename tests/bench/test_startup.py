@@ -85,6 +85,7 @@ def test_a_calibration_knows_no_machine_of_another_kind(tmp_path):
     ours = {name for name in names if name.startswith("calibench.")}
     assert len(ours) <= 90  # with the aliases of packages
     assert not [name for name in ours if "planar" in name or "orthoglide" in name or "discrepancy" in name]
+    assert "scipy.stats" not in names  # a third of a second
 
 
 @pytest.fixture(scope="module")
