@@ -168,7 +168,7 @@ def adjust(
             r = float((one[1:] * one[:-1]).sum() / max(float((one**2).sum()), _FLOOR))
             if found.noise[g] > 1e3 * _FLOOR and r * np.sqrt(one.size) > ndtri(1 - _CHANCE):
                 alike[g] = min(r, 0.98)
-    fewer = (1 + alike) / (1 - alike)
+    fewer = _fewer(alike)
     freedom = np.maximum(found.freedom / fewer, _LEAST)
     return replace(found, parts=found.parts * fewer[:, None, None], freedom=freedom, alike=alike)
 
@@ -176,18 +176,27 @@ def adjust(
 def errors_of(found: Adjustment, slopes: Array) -> tuple[Array, Array]:
     """Return standard errors (m,) of numbers with `slopes` (m, k), and their degrees of freedom (m,).
 
-    Where a noise is stated it is that of its axes; of learned ones Satterthwaite's freedom. Else what is left of each
-    pair tells both. The six residuals of a pair may have any covariance, as an error of the robot's turn gives them:
-    pairs are clusters (Liang and Zeger 1986). What is left of one is made as large as before the fit took its share
-    (CR2), and the freedom is that of noise of one size (Bell and McCaffrey 2002). Where pairs follow their neighbours
-    they count as fewer.
+    Where a noise is stated it is that of its axes; of learned ones Satterthwaite's freedom. Else what is left of pairs
+    tells both, see `_by_pairs`.
     """
-    if not np.isfinite(found.freedom).all():
+    if np.isfinite(found.freedom).all():
+        variance, freedom = _by_pairs(found, slopes)
+    else:
         k = slopes.shape[1]
         parts = np.einsum("mi,pij,mj->pm", slopes, found.parts[:, :k, :k], slopes)
         variance, squares = parts.sum(axis=0), (parts**2 / found.freedom[:, None]).sum(axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.sqrt(variance), np.where(squares > 0, variance**2 / squares, np.inf)
+            freedom = np.where(squares > 0, variance**2 / squares, np.inf)
+    return np.sqrt(variance), freedom
+
+
+def _by_pairs(found: Adjustment, slopes: Array) -> tuple[Array, Array]:
+    """Return variances (m,) of numbers with `slopes` (m, k) by what is left of each pair, and degrees of freedom (m,).
+
+    The six residuals of a pair may have any covariance, as an error of the robot's turn gives them: pairs are clusters
+    (Liang and Zeger 1986). What is left of one is made as large as before the fit took its share (CR2), and the freedom
+    is that of noise of one size (Bell and McCaffrey 2002). Where pairs follow their neighbours they count as fewer.
+    """
     rows, inverted = _rows_of(found)
     values, vectors = np.linalg.eigh(np.eye(6) - rows @ inverted @ rows.swapaxes(1, 2))
     root = vectors * np.maximum(values, _TINY)[:, None] ** -0.5 @ vectors.swapaxes(1, 2)
@@ -198,8 +207,12 @@ def errors_of(found: Adjustment, slopes: Array) -> tuple[Array, Array]:
     common = shared.swapaxes(1, 2) @ shared @ inverted
     squares = (own**2 - 2 * own * theirs).sum(axis=1) + (common * common.swapaxes(1, 2)).sum(axis=(1, 2))
     freedom = (own - theirs).sum(axis=1) ** 2 / np.maximum(squares, _NOTHING)
-    fewer = float(((1 + found.alike) / (1 - found.alike)).max())
-    return np.sqrt((moved**2).sum(axis=1) * fewer), np.maximum(freedom / fewer, _LEAST)
+    fewer = float(_fewer(found.alike).max())
+    return (moved**2).sum(axis=1) * fewer, np.maximum(freedom / fewer, _LEAST)
+
+
+def _fewer(alike: Array) -> Array:
+    return np.asarray((1 + alike) / (1 - alike))
 
 
 def again(found: Adjustment, keep: Mask) -> Adjustment:

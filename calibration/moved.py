@@ -62,16 +62,7 @@ def motion_of_wild(model: ArmModel, p: Array, kept: Index, wild: Mask) -> Motion
     rows = np.flatnonzero(wild)
     if not _asked(model) or len(rows) < _LEAST or len(wild) > _SHOWN:
         return None
-    of_fit, found = _Left(model, p, kept), list[tuple[float, Motion]]()
-    rest = of_fit.columns[rows, :, -1]
-    for what, at in of_fit.kinds:  # no number was fitted to these readings; the share is of a middle one
-        ways = of_fit.columns[rows][:, :, of_fit.fitted :][:, :, at]
-        by = ways @ np.linalg.lstsq(ways.reshape(-1, ways.shape[2]), rest.ravel(), rcond=_SAME)[0]
-        size, left = ((one**2).sum(axis=1) for one in (rest, rest - by))
-        unlikely = rest.size * np.log(left.sum() + 1e-300) + ways.shape[2] * np.log(rest.size)
-        off, share = float(np.sqrt((by**2).sum(axis=1).mean())), 1 - float(np.median(left / size))
-        found.append((unlikely, Motion(what, rows, off, share)))
-    motion = min(found, key=lambda one: one[0])[1]
+    motion = _Left(model, p, kept).of_wild(rows)
     return motion if motion.share > _OF_WILD else None
 
 
@@ -103,6 +94,18 @@ class _Left:
         pieces = np.array([self._square(np.arange(a, b)) for a, b in pairwise([*ends, len(self.columns)])])
         parts = pieces[::-1].cumsum(axis=0)[::-1]
         return [self._likeliest(part, np.arange(end, len(self.columns))) for end, part in zip(ends, parts, strict=True)]
+
+    def of_wild(self, rows: Index) -> Motion:
+        """Return the likeliest motion of these readings, to which no number was fitted; `share` is of a middle one."""
+        rest, found = self.columns[rows, :, -1], list[tuple[float, Motion]]()
+        for what, at in self.kinds:
+            ways = self.columns[rows][:, :, self.fitted :][:, :, at]
+            by = ways @ np.linalg.lstsq(ways.reshape(-1, ways.shape[2]), rest.ravel(), rcond=_SAME)[0]
+            size, left = ((one**2).sum(axis=1) for one in (rest, rest - by))
+            unlikely = rest.size * np.log(left.sum() + 1e-300) + ways.shape[2] * np.log(rest.size)
+            off, share = float(np.sqrt((by**2).sum(axis=1).mean())), 1 - float(np.median(left / size))
+            found.append((unlikely, Motion(what, rows, off, share)))
+        return min(found, key=lambda one: one[0])[1]
 
     def _square(self, rows: Index) -> Array:
         some = self.columns[rows].reshape(-1, self.columns.shape[2])

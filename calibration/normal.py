@@ -5,7 +5,7 @@ of the other groups and one solution of k numbers; so is a draw of poses, any ch
 is made for some thousand poses at once, so that 100 000 take no more room than their readings.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeVar, final
@@ -56,16 +56,8 @@ def normal_blocks(
     group = np.zeros(len(weights), dtype=np.int64) if group is None else group
     count, k, counted = int(group.max(initial=0)) + 1, len(free), model.counted
     sums = Blocks(np.zeros((count, k, k)), np.zeros((count, k)), np.zeros(count), np.zeros(count))
-    order = np.argsort(group, kind="stable")
-    step = max(len(order), 1) if model.position is None else _AT_ONCE  # sockets as one: their points are means
-    for there in (order[first : first + step] for first in range(0, len(order), step)):
+    for there, rows, over, more, far in _parts(model, p, free, weights, np.argsort(group, kind="stable")):
         known = weights[there]
-        if model.position is None:
-            (rows, more), (over, far) = model.jacobian(p, free, weights), model.residuals(p, weights)
-            rows, over = rows[there], over[there]
-        else:
-            part = model.at(there)
-            (rows, more), (over, far) = part.jacobian(p, free, known), part.residuals(p, known)
         by = np.sqrt(known / np.sqrt(1 + (over**2).sum(axis=1) / 9) if soft else known)
         rows, over = rows * by[:, None, None], over * by[:, None]
         ends = np.flatnonzero(np.diff(group[there], prepend=-1, append=-1))
@@ -75,6 +67,23 @@ def normal_blocks(
         for (socket, _), row, one in zip(model.pairs() if len(far) else (), more, far, strict=True):
             _add(sums, int(group[model.socket == socket][0]), row[None], one[None], 0.0)
     return sums
+
+
+def _parts(
+    model: ArmModel, p: Array, free: Index, weights: Array, order: Index
+) -> Iterator[tuple[Index, Array, Array, Array, Array]]:
+    """Yield places of poses in `order`, and of these slopes and residuals, and of known distances; sockets as one."""
+    if model.position is None:
+        rows, more = model.jacobian(p, free, weights)
+        over, far = model.residuals(p, weights)
+        yield order, rows[order], over[order], more, far
+        return
+    for first in range(0, len(order), _AT_ONCE):
+        there = order[first : first + _AT_ONCE]
+        part = model.at(there)
+        rows, more = part.jacobian(p, free, weights[there])
+        over, far = part.residuals(p, weights[there])
+        yield there, rows, over, more, far
 
 
 def _add(sums: Blocks, g: int, rows: Array, residuals: Array, count: float) -> None:

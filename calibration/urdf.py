@@ -114,14 +114,7 @@ class Robot:
     def root(self) -> str:
         """Return the one link that no joint leads to and that a moving joint hangs on."""
         roots = [name for name in dict.fromkeys(j.parent for j in self.joints) if name not in self._above]
-        arms = []
-        for one in roots:
-            below, moves = [one], False
-            while below:
-                hanging = self._behind.get(below.pop(), ())
-                moves = moves or any(joint.moves for joint in hanging)
-                below += [joint.child for joint in hanging]
-            arms += [one] * moves
+        arms = [root for root in roots if any(j.moves for j in self._below(root))]
         if len(arms) > 1:
             raise self._broken(
                 f"{len(arms)} links hang on nothing ({', '.join(arms)}); join them by a fixed joint, or take "
@@ -222,6 +215,13 @@ class Robot:
     def _broken(self, text: str) -> UrdfError:
         """Return the refusal of a file without an arm; what xacro has not expanded is its likely cause."""
         return UrdfError(f"{self.source}: {_expand(self.source) if self.xacro else text}")
+
+    def _below(self, link: str) -> Iterator[Joint]:
+        below = [link]
+        while below:
+            for joint in self._behind.get(below.pop(), ()):
+                yield joint
+                below.append(joint.child)
 
     def _followed(self, joint: Joint) -> Mimic | None:
         """Return which joint that is read `joint` follows, through those that follow others; None where none."""

@@ -11,7 +11,7 @@ import json
 import shlex
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from math import inf
@@ -180,14 +180,11 @@ def read_samples(path: Path, units: Mapping[str, str], part: bool = False) -> Ta
     A `part` may have the poses of one side alone. Raises `DataError`, in one line.
     """
     kind = path.suffix.lower()
-    readers: dict[str, Callable[[Path], Any]] = {
-        ".yaml": _yaml, ".yml": _yaml, ".json": lambda file: json_of(text_of(read_whole(file, LARGEST_OWN))),
-        ".npz": _arrays, ".csv": _rows, ".txt": _rows,
-    }  # fmt: skip
-    if kind not in readers or not path.is_file():
+    reader = {".yaml": _yaml, ".yml": _yaml, ".json": _json, ".npz": _arrays, ".csv": _rows, ".txt": _rows}.get(kind)
+    if reader is None or not path.is_file():
         return None
     try:
-        content = readers[kind](path)
+        content = reader(path)
         if content is None:
             return None
         content = _by_name(content)
@@ -228,6 +225,10 @@ def _yaml(path: Path) -> Any:
         return yaml.load(text, Loader=getattr(yaml, "CBaseLoader", yaml.BaseLoader))  # words alone, tags unread
     except yaml.YAMLError as error:
         raise ValueError(f"is no YAML: {error}") from None
+
+
+def _json(path: Path) -> Any:
+    return json_of(text_of(read_whole(path, LARGEST_OWN)))
 
 
 def _arrays(path: Path) -> dict[str, Any]:

@@ -22,8 +22,7 @@ def best_of(summary: Mapping[Any, list[Any]], most: int) -> dict[Any, list[Any]]
     tasks = list(zip(*(summary[name] for name in PROBLEM), strict=True))
     each = most // len(set(tasks))
     taken, kept = Counter[tuple[Any, ...]](), []
-    methods = names_of_methods(zip(summary["optimizer"], summary["optimizer_options"], strict=True))
-    for i in order_of({**summary, "method": methods}).tolist():
+    for i in order_of(_with_methods(summary)).tolist():
         if taken[tasks[i]] < each:
             taken[tasks[i]] += 1
             kept.append(i)
@@ -31,8 +30,7 @@ def best_of(summary: Mapping[Any, list[Any]], most: int) -> dict[Any, list[Any]]
 
 
 def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> None:
-    methods = names_of_methods(zip(summary["optimizer"], summary["optimizer_options"], strict=True))
-    named = {**summary, "method": methods}
+    named = _with_methods(summary)
     order = order_of(named).tolist()
     cells = {name: [column[i] for i in order] for name, column in named.items()}
     rows = [dict(zip(cells, row, strict=True)) for row in zip(*cells.values(), strict=True)]
@@ -74,6 +72,11 @@ def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> N
     if any(runs_once(row["optimizer"], row["optimizer_options"], str(row["start"])) for row in one):
         legend += [ONE_RUN]
     print("; ".join(legend), end="\n\n" if legend else "\n")
+
+
+def _with_methods(summary: Mapping[Any, list[Any]]) -> dict[Any, list[Any]]:
+    methods = names_of_methods(zip(summary["optimizer"], summary["optimizer_options"], strict=True))
+    return {**summary, "method": methods}
 
 
 def _or_dash(value: float, form: str) -> str:

@@ -279,8 +279,12 @@ _SOON, _EVERY = 5.0, 30.0  # s of a search after which its first line, and each 
 
 def _telling(case: str) -> AbstractContextManager[None]:
     """Tell on the terminal, while a search takes long, that it goes on."""
-    began, print_ = monotonic(), partial(print_plain, file=sys.stderr, flush=True)
-    return meanwhile(lambda: print_(f"  searching {case}, {monotonic() - began:.0f} s so far"), _SOON, _EVERY)
+    began = monotonic()
+
+    def tell() -> None:
+        print_plain(f"  searching {case}, {monotonic() - began:.0f} s so far", file=sys.stderr, flush=True)
+
+    return meanwhile(tell, _SOON, _EVERY)
 
 
 def search_digest(machine: Machine) -> str:

@@ -232,7 +232,7 @@ def form_words(effect: Effect, shapes: Sequence[Effect], formulation: Formulatio
 
 def slow_along(effect: Effect, data: MeasuredData, terms: int) -> tuple[Slow, ...]:
     """Return slow functions of the position of each carriage of an effect; none where the effect gives no carriage."""
-    along: effects.Along | None = getattr(effect, "along", None)
+    along = effects.along_of(effect)
     if along is None:
         return ()
     found = []
@@ -346,8 +346,8 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
     own = {o.name for o in found if part_of(o.effect.target) == part_of(top.effect.target)}
     if top.fit.noise.profiled:
         return _near_without_noise(found, plain, top, own)
-    along = getattr(top.effect, "along", None)
-    rivals = [o for o in found if o.name in own or (along and getattr(o.effect, "along", None))]
+    along = effects.along_of(top.effect) is not None
+    rivals = [o for o in found if o.name in own or (along and effects.along_of(o.effect) is not None)]
     if len(rivals) < 2:
         return plain
     worth = {o.name: one for o in rivals if (one := _worth(o, top)) is not None}
@@ -387,7 +387,7 @@ def _near_without_noise(
         elif o in plain:
             kept.append(o)
     beside = {name_of(e) for e in top.fit.model.effects if e is not top.effect}
-    placed = [o for o in found if o.name in own and getattr(o.effect, "over", None) and o.gain > 0]
+    placed = [o for o in found if o.name in own and effects.over_of(o.effect) and o.gain > 0]
     placed = [o for o in placed if not beside & {*o.effect.twins}]
     if len(placed) < 2 or top not in placed:
         return tuple(kept)
@@ -398,7 +398,7 @@ def _near_without_noise(
 
     # twice the log-likelihood of each, its form off or not, less its penalty
     data = top.fit.model.formulation.data
-    over: tuple[str, ...] = getattr(top.effect, "over", ())
+    over = effects.over_of(top.effect)
     place = np.stack([np.asarray(data[name], dtype=float) for name in over], axis=-1)
     fields = once(lambda: [random_field(place, length) for length in _LENGTHS], (data,), "fields", over)
     likelihoods = {o.name: _likelihood(o, o.effect, top, fields) - o.paid for o in placed}
@@ -492,7 +492,7 @@ def _worth(o: Option, top: Option) -> float | None:
         drawn = top.gain + top.paid - o.paid + float(np.sum(top.fit.noise.weights(top.fit.r) * top.fit.r**2)) - worth[1]
     elif o is not top and len(o.effect.coefficients) <= MOST:
         return None
-    odds = 0.0 if getattr(top.effect, "along", None) is not None else thresholds().form_odds
+    odds = 0.0 if effects.along_of(top.effect) is not None else thresholds().form_odds
     return float(2 * np.logaddexp(o.gain / 2, (drawn + odds) / 2))
 
 

@@ -116,7 +116,10 @@ class ArmCalibration:
         """Return levels of f whose first crossing is recorded: f* + 1e2 .. 1e-7 mm^2, as rounding leaves 1e-9."""
         return levels(self, tuple(self.minimum + 10.0**k for k in (2, 1, 0, -1, -2, -3, -4, -5, -6, -7)))
 
-    as_good_as_noise = cached_property(lambda self: value_of_noise(self, lambda: FINEST**2 * self.seen.size))
+    @cached_property
+    def as_good_as_noise(self) -> float | None:
+        """Return the f at which an answer explains the readings as well as the truth does; None of no instance."""
+        return value_of_noise(self, lambda: FINEST**2 * self.seen.size)
 
     @property
     def observability(self) -> dict[str, float]:

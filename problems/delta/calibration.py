@@ -210,7 +210,10 @@ class DeltaProbing:
 
     targets = property(levels_above_minimum)
 
-    as_good_as_noise = cached_property(lambda self: value_of_noise(self, lambda: _FINEST**2 * len(self.places.between)))
+    @cached_property
+    def as_good_as_noise(self) -> float | None:
+        """Return the f at which an answer explains the readings as well as the truth does; None of no instance."""
+        return value_of_noise(self, lambda: _FINEST**2 * len(self.places.between))
 
 
 def _declared(

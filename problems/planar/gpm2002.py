@@ -227,11 +227,17 @@ def plan_points(plan: PlanName, home: Array, radius: float, n: int, rng: np.rand
         return np.asarray(home + radius * (2 * rng.random((n, 2)) - 1))
     if plan == "line":
         return home + radius * np.column_stack([np.linspace(-1, 1, n), np.zeros(n)])
-    if plan == "circle" or plan == "two_circles":  # the outer one has twice the radius and twice the points
-        inner = n // 3 if plan == "two_circles" else 0
-        turns = [(share, 2 * np.pi * np.arange(k) / k) for share, k in ((1.0, n - inner), (0.5, inner)) if k]
-        return home + radius * np.vstack([share * np.column_stack([cos(a), sin(a)]) for share, a in turns])
+    if plan == "circle":
+        return home + radius * _circle(n)
+    if plan == "two_circles":  # the outer one has twice the radius and twice the points
+        inner = n // 3
+        return home + radius * np.vstack([_circle(n - inner), 0.5 * _circle(inner)])
     assert_never(plan)
+
+
+def _circle(n: int) -> Array:
+    angle = 2 * np.pi * np.arange(n) / n
+    return np.column_stack([cos(angle), sin(angle)])
 
 
 NOISES = (1e-6, 3e-4)  # rad

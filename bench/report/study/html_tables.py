@@ -171,8 +171,8 @@ def printed_table(rows: pd.DataFrame, column_title: Callable[[str], str]) -> Tab
         digits = 7 if isfinite(row.get("true", float("nan"))) and row["true"] else 3
         spread = f"{number(row['q1'], 4)} .. {number(row['q3'], 4)}" if row["n"] > 1 else ""
         ours = cell_macros().over(number(row["median"], digits), spread)
-        quantity, why = (str(text).replace("^2", "²").replace("^4", "⁴") for text in (quantity, row["why"]))
-        return quantity, printed, ours, cell_macros().small(why) if isinstance(row["why"], str) else ""
+        why = cell_macros().small(_raised(row["why"])) if isinstance(row["why"], str) else ""
+        return _raised(quantity), printed, ours, why
 
     if "true" not in rows:
         heads = [("method", ""), ("quantity", ""), ("printed", "n"), ("ours", "n"), ("n", "n"), ("why", "why")]
@@ -192,6 +192,10 @@ def printed_table(rows: pd.DataFrame, column_title: Callable[[str], str]) -> Tab
             true = number(same["true"].iloc[0], 7)
             lines.append([quantity, true, printed, *(by_method.get(name, "–") for name in methods), why])
     return table(heads, lines)
+
+
+def _raised(text: str) -> str:
+    return text.replace("^2", "²").replace("^4", "⁴")
 
 
 def failures(runs: pd.DataFrame) -> Table:
