@@ -8,6 +8,7 @@ the true one. `python -m benchmarks.formulas table OUT.jsonl ...` prints the rat
 from __future__ import annotations
 
 import json
+import re
 import sys
 import time
 from pathlib import Path
@@ -105,12 +106,18 @@ def table(paths: list[Path]) -> str:
     for least in (0.0, 2.0):
         own = [x for x in lines if x["truth"] and x["visible"] >= least and x["verdict"] in ("unknown", "partly")]
         right = [x for x in own if tuple(x["truth"]) in {tuple(t) for t in x.get("structure", ())}]
+        phased = [x for x in own if _any_phase(x["truth"]) in {_any_phase(t) for t in x.get("structure", ())}]
         parts = [x for x in own if _parts(x["truth"]) in {_parts(t) for t in x.get("structure", ())}]
         if own:
-            said.append(f"visible >= {least:g}: {len(own)} writable; structure right {len(right) / len(own):.2f}, "
-                        f"quantity and columns right {len(parts) / len(own):.2f}")  # fmt: skip
+            said.append(f"visible >= {least:g}: {len(own)} writable; structure right {len(phased)}, with the phase of "
+                        f"waves right {len(right)}, quantity and columns right {len(parts)}")  # fmt: skip
     said += [f"error {x['machine']} {x['seed']}: {x['error']}" for x in errors]
     return "\n".join(said)
+
+
+def _any_phase(term: list[str]) -> tuple[str, ...]:
+    """Return a term whose waves have any phase: that of an angle hangs on the zero of its encoder, which is unknown."""
+    return tuple(re.sub("^(sin|cos|wave) ", "wave ", factor) for factor in term)
 
 
 def _parts(term: list[str]) -> tuple[str, ...]:

@@ -54,6 +54,7 @@ _SPANS = np.geomspace(0.03, 3.0, 9)  # of the range of a column: widths and time
 _WIDTHS = np.geomspace(0.02, 0.7, 9)
 _WHOLE = 0.06  # of a turn: a number of waves this near to a whole one is tried as that
 _ALIKE = 0.99999  # correlation of two columns of which one is enough
+_SAME_WAY = 0.99  # of the sign of a column and a column of ways, as a file's -1, 0 and 1
 _OUTSIDE = 3.0  # of description, that an error of an instrument costs where one of a joint says the same
 _NUMBERS = 4_000_000  # held at once
 _LONG = 20_000  # rows of a run, of more of which no shape with a memory is tried
@@ -295,6 +296,13 @@ class _Search:
             u = self.run.read(column.name, self.q, self.data)
             if not any(abs(np.corrcoef(u, v)[0, 1]) > _ALIKE for v in read.values()):
                 self.columns[column.name], read[column.name] = column, u
+        # no sign of a velocity beside a direction that was recorded
+        ways = [u for u in read.values() if len(np.unique(u)) <= 3]
+        for name, said in self.columns.items():
+            signs = np.sign(read[name])
+            if np.ptp(signs) and any(abs(np.corrcoef(signs, way)[0, 1]) > _SAME_WAY for way in ways):
+                bare = (tuple(a for a in some if a.shape != "sign") for some in (said.atoms, said.every))
+                self.columns[name] = _Column(name, *bare)
         # the quantities that may err, with the columns that are a part's own
         parts: dict[str, list[str]] = {}
         for joint in roles.joints:

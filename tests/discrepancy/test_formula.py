@@ -11,6 +11,7 @@ import pytest
 from scipy.linalg import cho_factor
 
 from benchmarks.blind.gpm2002.simulate import case
+from benchmarks.formulas.machines import case as formula_case
 from calibench.bench.discovery.page.words import formula_sentences, gap_sentence, headline
 from calibench.discrepancy import Constraints, Joint, MeasuredData, Roles, explain
 from calibench.discrepancy.fitting.fit import fit, thinned
@@ -148,6 +149,13 @@ def test_a_cause_of_a_foreign_simulator_is_written_down() -> None:
     assert report.formula is not None
     assert {"square load_x", "square load_y"} == {factors[1] for factors in report.formula.structure}
     assert report.gap.held_out_after < 1.1 * report.gap.noise_floor
+
+
+def test_a_recorded_direction_is_told_and_no_sign_of_a_velocity() -> None:
+    made = formula_case("gpm2002", 936201)
+    report = explain("gpm2002", MeasuredData(made.columns, "gpm2002", made.metadata, "case"))
+    assert report.formula is not None
+    assert report.formula.structure == (made.truth,) == (("enc_1", "u dir_1", "abs tau_1"),)
 
 
 def test_operators_follow_their_definitions() -> None:
