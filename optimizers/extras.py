@@ -6,7 +6,7 @@ CMA-ES where pygmo has no wheel. Both search the unit box, and `dfols` residuals
 
 import logging
 import warnings
-from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Annotated, Any, ClassVar, final
@@ -15,8 +15,7 @@ import numpy as np
 
 from calibench.core.options import Range
 from calibench.optimizers.base import Array, Objective, OfBox, Reason, Traits, registry, with_restarts
-
-_ROUNDING = 1e-15
+from calibench.optimizers.scipy import ROUNDING, Lost, Units
 
 
 @final
@@ -55,23 +54,22 @@ class DFOLS:
         most = objective.remaining + 2 * objective.dimension + 10
 
         def descend(start: Array) -> None:
-            u0, outside = _of_the_unit_box(objective, start)
+            units = Units(objective, start, scaled=True, bounded=True)
             first: list[float] = []
 
             def residuals(u: Array) -> Array:
-                r = objective.residuals(outside(u))
+                r = objective.residuals(units.point(u))
                 first.append(float(np.linalg.norm(r)) or 1.0) if not first else None
                 return r / first[0]
 
-            if not u0.size:
+            if not units.free.any():
                 objective.residuals(start)
                 return
-            zeros = np.zeros(len(u0))
-            with warnings.catch_warnings(), np.errstate(all="ignore"):
+            with suppress(Lost), warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")
                 dfols.solve(
-                    residuals, u0, bounds=(zeros, zeros + 1.0), rhobeg=self.rhobeg, rhoend=_ROUNDING, npt=self.npt,
-                    maxfun=most, do_logging=False, user_params={
+                    residuals, units.start, bounds=(units.lower, units.upper), rhobeg=self.rhobeg, rhoend=ROUNDING,
+                    npt=self.npt, maxfun=most, do_logging=False, user_params={
                         "model.abs_tol": 0.0, "model.rel_tol": 0.0, "init.random_initial_directions": False,
                         "slow.max_slow_iters": most,
                     },
@@ -114,8 +112,8 @@ class CMAES:
         logging.getLogger("cma").setLevel(logging.ERROR)
 
         def evolve(start: Array) -> None:
-            u0, outside = _of_the_unit_box(objective, start)
-            if not u0.size:
+            units = Units(objective, start, scaled=True, bounded=True)
+            if not units.free.any():
                 objective(start)
                 return
             off = dict.fromkeys(("tolfun", "tolfunhist", "tolfunrel", "tolx", "tolxstagnation"), 0)
@@ -126,26 +124,13 @@ class CMAES:
             }  # fmt: skip
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")
-                search = cma.CMAEvolutionStrategy(u0, self.sigma0, options)
+                search = cma.CMAEvolutionStrategy(units.start, self.sigma0, options)
                 while not search.stop():
                     members = search.ask()
-                    values = objective.batch(np.array([outside(u) for u in members]))
+                    values = units.batch(np.array(members).T)
                     search.tell(members, [min(value, 1e100) for value in values.tolist()])
 
         return with_restarts(evolve, objective, restarts=True)
-
-
-def _of_the_unit_box(objective: Objective, start: Array) -> tuple[Array, Callable[[Array], Array]]:
-    """Return the start in shares of the widths that are free, and a function of such shares: the point of the box."""
-    free = objective.lower < objective.upper
-    lower, width = objective.lower[free], (objective.upper - objective.lower)[free]
-
-    def outside(u: Array) -> Array:
-        x = np.array(start)
-        x[free] = lower + np.asarray(u) * width
-        return x.clip(objective.lower, objective.upper)
-
-    return ((start - objective.lower) / (objective.upper - objective.lower + ~free))[free], outside
 
 
 if find_spec("dfols"):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, make_dataclass
 from functools import partial
 from itertools import count
@@ -81,12 +82,9 @@ class SciPy:
             if not units.free.any():
                 objective(start)
                 return
-            with warnings.catch_warnings(), np.errstate(all="ignore"):
+            with suppress(Lost), warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")  # overflow far outside the box, a line search without an end
-                try:
-                    self._search(units, rng, next(turns))
-                except _Lost:
-                    pass
+                self._search(units, rng, next(turns))
 
         return with_restarts(descend, objective, restarts=not self.traits.self_terminating)
 
@@ -142,7 +140,7 @@ class SciPy:
             scipy.minimize(units.both if known.together else value, units.start, **asked)
 
 
-class _Lost(Exception):
+class Lost(Exception):
     """The method asks for a point that is no number: there is nothing to evaluate, and its descent is over."""
 
 
@@ -171,20 +169,20 @@ class Units:
         return min(self._objective.remaining, 2**31 - 2) + 1
 
     def value(self, u: Array) -> float:
-        return self._sized(self._objective(self._point(u)))
+        return self._sized(self._objective(self.point(u)))
 
     def remembered(self, u: Array) -> float:
         """Return the value, and keep what a gradient at the same point will need."""
-        return self._sized(self._memo.value(self._point(u)))
+        return self._sized(self._memo.value(self.point(u)))
 
     def gradient(self, u: Array) -> Array:
-        slopes = self._scaled(self._memo.gradient(self._point(u)))
+        slopes = self._scaled(self._memo.gradient(self.point(u)))
         self._slopes = np.array(u), slopes
         return slopes
 
     def both(self, u: Array) -> tuple[float, Array]:
         """Return the value and the gradient, which one call of the problem may give."""
-        value, slopes = value_and_gradient(self._objective, self._point(u))
+        value, slopes = value_and_gradient(self._objective, self.point(u))
         return self._sized(value), self._scaled(slopes)
 
     def batch(self, columns: Array) -> Array:
@@ -195,7 +193,7 @@ class Units:
 
     def product(self, u: Array, direction: Array) -> Array:
         """Return the Hessian at u times a direction: of 2 J^T J where there is a Jacobian, else of two gradients."""
-        curvature = self._memo.curvature(self._point(u))
+        curvature = self._memo.curvature(self.point(u))
         if curvature is not None:
             scale = np.outer(self._width, self._width) / self._size
             return np.asarray((curvature[np.ix_(self.free, self.free)] * scale) @ direction)
@@ -204,7 +202,7 @@ class Units:
         if not length:
             return np.zeros(len(u))
         step = _EPS ** (1 / 2 if self.exact else 1 / 4) * max(1.0, float(np.abs(u).max())) / length
-        ahead = self._scaled(self._memo.gradient(self._point(u + step * direction)))
+        ahead = self._scaled(self._memo.gradient(self.point(u + step * direction)))
         return np.asarray((ahead - base) / step)
 
     def hessian(self, u: Array) -> Array:
@@ -212,11 +210,11 @@ class Units:
         columns = np.array([self.product(u, unit) for unit in np.eye(len(u))])
         return np.asarray(0.5 * (columns + columns.T))
 
-    def _point(self, u: Array) -> Array:
+    def point(self, u: Array) -> Array:
         """Return SciPy's point in ours; some miss the box by rounding."""
         norm = u.dot(u)
         if norm != norm:
-            raise _Lost
+            raise Lost
         x = np.array(self._start)
         x[self.free] = self._origin + u * self._width
         return x.clip(self._objective.lower, self._objective.upper) if self._bounded else x
