@@ -21,7 +21,7 @@ from typing import Any, final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibench.bench.calibration.request import read_table, statements_of
+from calibench.bench.calibration.request import one_after_the_other, read_table, statements_of
 from calibench.bench.calibration.words import transforms_text
 from calibench.bench.measured.files import pairs_of
 from calibench.bench.provenance.environment import made_by
@@ -91,58 +91,40 @@ def read_hand_eye(words: Sequence[str]) -> HandEyeRequest:
 
 def read_poses(named: str, units: Mapping[str, str]) -> Table:
     """Return the table of poses in ``data=named``; of two with a time each, the rows of both. Raises `DataError`."""
-    sources = named.split(",")
+    sources, stated = named.split(","), {"units": units} if units else {}
     samples = read_samples(Path(named).expanduser(), units)
     if samples is not None:
         return samples
-    stated = {"units": units} if units else {}
     if len(sources) != 2:
         return read_table(named, stated)
-    sampled = [read_samples(Path(source).expanduser(), {}, part=True) for source in sources]
-    both = [read_table(source, {}) if one is None else one for source, one in zip(sources, sampled, strict=True)]
+    sampled = [read_samples(Path(source).expanduser(), units, part=True) for source in sources]
+    first, second = both = [
+        read_table(source, stated, part=True) if one is None else one
+        for source, one in zip(sources, sampled, strict=True)
+    ]
     timed = all(any(is_time(name) for name in one.columns) for one in both)
     if not timed and sampled == [None, None]:
         return read_table(named, stated)
     lost = next((name for name in units if not any(name in one.columns for one in both)), None)
     if lost is not None:
         raise DataError(f"units: {lost} is no column of {' or '.join(sources)}")
-    for k, source in enumerate(sources):
-        own = {name: unit for name, unit in units.items() if name in both[k].columns}
-        of_samples = read_samples(Path(source).expanduser(), own, part=True)
-        both[k] = read_table(source, {"units": own}) if of_samples is None else of_samples
-    first, second = both
     if not timed:
         if len(first) != len(second):
             counts = " and ".join(f"{source} has {len(one)}" for source, one in zip(sources, both, strict=True))
             raise DataError(f"poses of two files are joined in their order, or by a time in each, and {counts}")
-        added = {name: column for name, column in second.columns.items() if name not in first.columns}
         return replace(
-            first, columns={**first.columns, **added}, units={**second.units, **first.units},
+            first, columns={**first.columns, **second.columns, **first.columns}, units={**second.units, **first.units},
             name=f"{first.name}_{second.name}", notes=once([*first.notes, *second.notes]),
         )  # fmt: skip
     times = [next(name for name in one.columns if is_time(name)) for one in both]
-    parts = []
-    for one, time in zip(both, times, strict=True):  # the columns of numbers, that of time by one name in both
-        renamed = {"time" if name == time else name: column for name, column in one.columns.items()}
-        numbers = {name: column for name, column in renamed.items() if column.dtype.kind in "iuf"}
-        parts.append(replace(one, columns=numbers))
     unit = [one.units.get(time, time.partition("_")[2]) for one, time in zip(both, times, strict=True)]
     if unit[0] != unit[1]:
         raise DataError(f"{times[0]} of {sources[0]} and {times[1]} of {sources[1]} are in different units of time")
-    # the rows of both, one after the other, without a value where a table lacks the column
-    first, second = parts
-    columns = {}
-    for name in dict.fromkeys([*first.columns, *second.columns]):
-        halves = [
-            np.asarray(one.columns[name], dtype=float) if name in one.columns else np.full(len(one), np.nan)
-            for one in parts
-        ]
-        columns[name] = np.concatenate(halves)
-    return Table(
-        columns=columns, units={**first.units, **second.units}, stated={**first.stated, **second.stated},
-        file=np.concatenate([first.file, second.file]), row=np.concatenate([first.row, second.row]),
-        name=f"{first.name}_{second.name}", notes=once([*first.notes, *second.notes]),
-    )  # fmt: skip
+    parts = []
+    for one, time in zip(both, times, strict=True):  # the columns of numbers, that of time by one name in both
+        numbers = {name: column for name, column in one.columns.items() if column.dtype.kind in "iuf"}
+        parts.append(replace(one, columns={"time" if name == time else name: numbers[name] for name in numbers}))
+    return one_after_the_other(parts)
 
 
 def write_hand_eye(answer: HandEye, request: HandEyeRequest) -> HandEye:
@@ -170,6 +152,7 @@ _NAMES = {  # of one side's poses: the side, whether they are the other way roun
     "target2cam": ("board", False, ""), "cam2target": ("board", True, ""), "world2cam": ("board", False, ""),
     "hand": ("flange", False, ""), "eye": ("board", False, ""),
 }  # fmt: skip
+_PARTS = {name: {*name.split()} if " " in name else {f"R_{name}", f"t_{name}"} for name in _NAMES}  # by OpenCV
 _AXES = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _OFF = 1e-2  # by which a rotation's matrix may differ from one, in three digits
 
@@ -204,9 +187,10 @@ def read_samples(path: Path, units: Mapping[str, str], part: bool = False) -> Ta
             columns |= {f"{side}_{axis}": column for axis, column in zip(_AXES, numbers.T, strict=True)}
             unit = _NAMES[called][2]
             own |= {f"{side}_{axis}": unit for axis in "xyz" if unit}
+        own |= {name: unit for name, unit in units.items() if not part or name in columns}
         meant = {"flange": "the flange in the base", "board": "the board in the camera"}
         text = ", ".join(f"{called} is {meant[side]}" for side, (called, _) in sides.items())
-        table = table_of(columns, units={**own, **units}, name=path.stem)
+        table = table_of(columns, units=own, name=path.stem)
         return replace(table, notes=(*table.notes, Note(Code.FILE, text)))
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from None
@@ -297,13 +281,7 @@ def _by_name(content: Any) -> Mapping[str, Any]:
 
 def _has_poses(content: Any) -> bool:
     """Return whether names of poses stand in `content` itself."""
-    names = set(content) if isinstance(content, Mapping) else set()
-    return any(name in names or set(_parts(name)) <= names for name in _NAMES)
-
-
-def _parts(name: str) -> list[str]:
-    """Return the names of rotations and translations for a name of poses."""
-    return name.split() if " " in name else [f"R_{name}", f"t_{name}"]
+    return isinstance(content, Mapping) and any(n in content or parts <= {*content} for n, parts in _PARTS.items())
 
 
 def _sides(content: Mapping[str, Any], part: bool) -> dict[str, tuple[str, Array]]:
@@ -313,8 +291,8 @@ def _sides(content: Mapping[str, Any], part: bool) -> dict[str, tuple[str, Array
         poses = None
         if name in content:
             poses = _poses(name, content[name])
-        elif set(parts := _parts(name)) <= set(content):
-            # of OpenCV: rotations, matrices or vectors, beside translations
+        elif _PARTS[name] <= {*content}:  # rotations, matrices or vectors, beside translations
+            parts = sorted(_PARTS[name])
             turned, placed = (_numbers(one, content[one]) for one in parts)
             n, by_vector = len(placed), turned.size == 3 * len(placed)
             if placed.size != 3 * n or turned.size not in (3 * n, 9 * n):
@@ -353,11 +331,10 @@ def _poses(name: str, found: Any) -> Array:
         where = f"pose {k + 1} of {name}"
         if isinstance(one, Mapping):
             one = one.get("transform", one)
-            parts: list[Any] = [one.get(p) if isinstance(one, Mapping) else None for p in ("translation", "rotation")]
-            for part, axes in zip(parts, ("xyz", "xyzw"), strict=True):
-                if not isinstance(part, Mapping) or not set(axes) <= set(part):
-                    raise ValueError(f"{where} lacks a translation with x, y, z or a rotation with x, y, z, w")
-            one = [part[axis] for part, axes in zip(parts, ("xyz", "xyzw"), strict=True) for axis in axes]
+            try:
+                one = [one[of][axis] for of, axes in (("translation", "xyz"), ("rotation", "xyzw")) for axis in axes]
+            except (KeyError, TypeError):
+                raise ValueError(f"{where} lacks a translation with x, y, z or a rotation with x, y, z, w") from None
         numbers = _numbers(where, one).ravel()
         if numbers.size == 16:
             made[k] = numbers.reshape(4, 4)

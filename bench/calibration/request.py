@@ -202,8 +202,11 @@ ARM = replace(columns.ARM, demonstrations=_DEMONSTRATIONS)
 _PRIORS = Declared("", (Quantity("name", text=True),))
 
 
-def read_table(named: str, stated: Mapping[str, Any]) -> Table:
-    """Return the table of ``data=named``: a file, a glob, files parted by commas, or a folder. Raises `DataError`."""
+def read_table(named: str, stated: Mapping[str, Any], part: bool = False) -> Table:
+    """Return the table of ``data=named``: a file, a glob, files parted by commas, or a folder. Raises `DataError`.
+
+    Of a `part` of a table `stated` may name columns that other files hold.
+    """
     path = Path(named).expanduser()
     if named and path.is_dir():
         # the postures of all sockets of all places below a folder
@@ -212,17 +215,17 @@ def read_table(named: str, stated: Mapping[str, Any]) -> Table:
                 f"{path}: holds no hole_0.csv, hole_1.csv or socket_0.csv in folders by place; name a file of readings"
             )
         by_label, note = read_sockets(path, ARM, stated)
-        whole = _one_after_the_other([_of_one(label, content) for label, content in by_label.items()])
+        whole = one_after_the_other([_of_one(label, content) for label, content in by_label.items()])
         return replace(whole, name=path.name, notes=(note, *whole.notes))
     named_sets = sets(named, ARM, stated)
     several = len(named_sets) > 1
-    contents = [one.columns(ARM, stated, part=several) for one in named_sets]
+    contents = [one.columns(ARM, stated, part=several or part) for one in named_sets]
     read = [_of_one(one.case, content) for one, content in zip(named_sets, contents, strict=True)]
     if not several:
         return read[0]
     first = set(read[0].columns)
     if all(set(one.columns) == first for one in read):
-        return _one_after_the_other(read)
+        return one_after_the_other(read)
     return _of_one(read[0].name, joined(dict(zip([one.name for one in read], contents, strict=True)), stated))
 
 
@@ -247,15 +250,19 @@ def _of_one(name: str, content: Columns) -> Table:
     return Table.of(content.columns, name, units=content.units, stated=content.metadata, notes=content.notes)
 
 
-def _one_after_the_other(tables: Sequence[Table]) -> Table:
-    for one in tables[1:]:
-        other = {name for name in one.units if one.units[name] != tables[0].units.get(name)}
+def one_after_the_other(tables: Sequence[Table]) -> Table:
+    """Return the rows of all tables, without a value where a table lacks a column. Raises `DataError`."""
+    first, *others = tables
+    for one in others:
+        other = {name for name in one.units if name in first.columns and one.units[name] != first.units.get(name)}
         if other:
-            raise DataError(f"{one.name}: column {min(other)} is in another unit than in {tables[0].name}")
-    columns = {name: np.concatenate([one.columns[name] for one in tables]) for name in tables[0].columns}
+            raise DataError(f"{one.name}: column {min(other)} is in another unit than in {first.name}")
+    columns = {
+        name: np.concatenate([one.columns.get(name, np.full(len(one), np.nan)) for one in tables])
+        for name in dict.fromkeys(name for one in tables for name in one.columns)
+    }
     file, row = (np.concatenate([getattr(one, key) for one in tables]) for key in ("file", "row"))
-    name = "_".join(one.name for one in tables) if len(tables) <= 3 else tables[0].name
+    units = {name: unit for one in reversed(tables) for name, unit in one.units.items()}
+    name = "_".join(one.name for one in tables) if len(tables) <= 3 else first.name
     notes = once(note for one in tables for note in one.notes)
-    return Table(
-        columns=columns, units=tables[0].units, stated=tables[0].stated, file=file, row=row, name=name, notes=notes
-    )
+    return Table(columns=columns, units=units, stated=first.stated, file=file, row=row, name=name, notes=notes)

@@ -8,7 +8,7 @@ and stood still, or the nearest row within a gap.
 
 import csv
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -25,46 +25,43 @@ _STILL = 2e-4  # of the way of a joint: less than it moves about a moment at whi
 _SIZES = {3: POSITION, 7: (*POSITION, *QUATERNION)}
 _HEADLESS = re.compile(r"\d{9,10},\d{1,9},[^,]*,")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan", re.IGNORECASE)
+_QUOTED = re.compile(r"['\"]([^'\"]*)['\"]")  # names of joints in one cell
 _OF_PLACE, _OF_TURN = {"position", "point", "translation"}, {"orientation", "rotation"}
 
 
 def ros_columns(text: str) -> Columns | None:
     """Return joints by name, places and quaternions, and `t_s` [s] of a file that ROS wrote; None for any other."""
-    first = text[: text.find("\n") + 1] or text
+    first, _, rest = text.partition("\n")
     if _HEADLESS.match(first):
         # `ros2 topic echo --csv`: sec, nanosec, frame_id, and joints or a pose behind them
         rows = [row for row in csv.reader(text.splitlines()) if row and row[0].isdigit()]
         seconds = np.array([float(row[0]) + 1e-9 * float(row[1]) for row in rows])
-        split = []
+        split: list[tuple[Sequence[str], Sequence[str]]] = []
         for row in rows:
             words = next((k for k, cell in enumerate(row[3:]) if _NUMBER.fullmatch(cell.strip())), len(row) - 3)
-            split.append(([one.strip() for one in row[3 : 3 + words]], [cell.strip() for cell in row[3 + words :]]))
+            split.append((row[3 : 3 + words], row[3 + words :]))
         most, numbers = max(len(words) for words, _ in split), max(len(values) for _, values in split)
-        if not (most > 1 or (most == 1 and numbers <= 3)):
+        if most == 0 or (most == 1 and numbers > 3):
             axes = _SIZES[7] if numbers >= 7 else _SIZES.get(numbers)
             if axes is None:
                 return None
-            split = [([*axes], values[: len(axes)]) for _, values in split]
-        columns: dict[str, Any] = {"t_s": seconds} | _by_name(split)
+            split = [(axes, values) for _, values in split]
+        messages = [[(name.strip(), value) for name, value in zip(*one, strict=False)] for one in split]
     else:
         heads = [head.strip() for head in next(csv.reader([first]), [])]
-        if (times := _stamps(heads)) is None:
-            return None
-        rows = [row for row in csv.reader(text.splitlines()[1:]) if len(row) == len(heads)]
-        if not rows:
+        times = _stamps(heads)
+        rows = [] if times is None else [row for row in csv.reader(rest.splitlines()) if len(row) == len(heads)]
+        if times is None or not rows:
             return None
         cells = dict(zip(heads, zip(*rows, strict=True), strict=True))
-        seconds = np.zeros(len(rows))
-        for head, unit in times.items():
-            seconds = seconds + unit * np.array([float(cell or "nan") for cell in cells[head]])
-        columns = {"t_s": seconds} | _joints_of(cells)
-        for head in heads:
-            parts = re.split(r"[./]", head.lower())
-            of = parts[-2] if len(parts) > 1 else ""
-            if (of in _OF_PLACE and parts[-1] in POSITION) or (of in _OF_TURN and parts[-1] in "xyzw"):
-                name = parts[-1] if of in _OF_PLACE else f"q{parts[-1]}"
-                columns[name] = np.array([float(cell or "nan") for cell in cells[head]])
-    text = f"a file of ROS, {len(columns['t_s'])} messages: {', '.join(name for name in columns if name != 't_s')}"
+        read = {at: np.array([float(cell or "nan") for cell in cells[at]]) for at in times}
+        seconds = np.sum([unit * read[at] for at, unit in times.items()], axis=0)
+        messages = _messages(cells, len(rows))
+    columns: dict[str, Any] = {"t_s": seconds}
+    for i, message in enumerate(messages):
+        for name, value in message:
+            columns.setdefault(name, np.full(len(rows), np.nan))[i] = float(value or "nan")
+    text = f"a file of ROS, {len(rows)} messages: {', '.join(name for name in columns if name != 't_s')}"
     units = {"t_s": "s"} | {axis: "m" for axis in POSITION if axis in columns}
     return Columns(columns, notes=(Note(Code.FILE, text),), units=units)
 
@@ -73,41 +70,28 @@ def _stamps(heads: list[str]) -> dict[str, float] | None:
     """Return the columns whose sum is the time, and the seconds of their units; None where a file is not of ROS."""
     ends = {tuple(re.split(r"[./]", head.lower())[-2:]): head for head in heads}
     for second, nano in (("sec", "nanosec"), ("secs", "nsecs"), ("sec", "nsec")):
-        if ("stamp", second) in ends and ("stamp", nano) in ends:
-            return {ends["stamp", second]: 1.0, ends["stamp", nano]: 1e-9}
-        if (second,) in ends and (nano,) in ends:
-            return {ends[second,]: 1.0, ends[nano,]: 1e-9}
-    if "%time" in heads:
-        return {ends.get(("header", "stamp"), "%time"): 1e-9}
-    return None
+        for of in (("stamp",), ()):
+            if (*of, second) in ends and (*of, nano) in ends:
+                return {ends[(*of, second)]: 1.0, ends[(*of, nano)]: 1e-9}
+    return {ends.get(("header", "stamp"), "%time"): 1e-9} if "%time" in heads else None
 
 
-def _joints_of(cells: Mapping[str, tuple[str, ...]]) -> dict[str, Array]:
-    """Return the positions of joints by name; each row says its own order, as several nodes may write one topic."""
+def _messages(cells: Mapping[str, tuple[str, ...]], n: int) -> list[list[tuple[str, str]]]:
+    """Return name and number of all that each row holds: joints, of which it says its own order, places and turns."""
     names, places = (
         [head for head in cells if re.fullmatch(rf"(?:field\.)?{what}_?\d*", head)] for what in ("name", "position")
     )
-    if not names or not places:
-        return {}
-
-    def of(heads: list[str], row: int, words: bool) -> list[str]:
-        found: list[str] = []
-        for head in heads:
-            cell = cells[head][row]
-            many = re.findall(r"'([^']*)'|\"([^\"]*)\"", cell) if words else []
-            found += [a or b for a, b in many] if many else [cell] if words else _NUMBER.findall(cell)
-        return [one for one in found if one]
-
-    n = len(next(iter(cells.values())))
-    return _by_name([(of(names, i, True), of(places, i, False)) for i in range(n)])
-
-
-def _by_name(rows: list[tuple[list[str], list[str]]]) -> dict[str, Array]:
-    columns: dict[str, Array] = {}
-    for i, (names, values) in enumerate(rows):
-        for name, value in zip(names, values, strict=False):
-            columns.setdefault(name, np.full(len(rows), np.nan))[i] = float(value)
-    return columns
+    axes = {}
+    for head in cells:
+        *_, of, axis = ["", *re.split(r"[./]", head.lower())]
+        if (of in _OF_PLACE and axis in POSITION) or (of in _OF_TURN and axis in "xyzw"):
+            axes[head] = axis if of in _OF_PLACE else f"q{axis}"
+    messages = []
+    for i in range(n):
+        words = [word for head in names for word in _QUOTED.findall(cells[head][i]) or [cells[head][i]] if word]
+        numbers = [number for head in places for number in _NUMBER.findall(cells[head][i])]
+        messages.append([*zip(words, numbers, strict=False), *((name, cells[head][i]) for head, name in axes.items())])
+    return messages
 
 
 def by_time(contents: Mapping[str, Columns], gap: float = GAP) -> Columns | None:

@@ -149,15 +149,7 @@ def write_columns(content: Columns, declared: Declared, path: str | Path) -> Pat
         lines.write(f"# {KEY}: {stated}\n")
         writer = csv.writer(lines, lineterminator="\n")
         writer.writerow([f"{name} [{units[name]}]" if name in units else name for name in content.columns])
-        texts = []
-        for column in content.columns.values():  # numbers so that they are read back to the last bit
-            values, kind = column.tolist(), column.dtype.kind
-            if kind == "f":
-                texts.append(["" if np.isnan(value) else repr(value) for value in values])
-            elif kind == "b":
-                texts.append(["true" if value else "false" for value in values])
-            else:
-                texts.append([str(value) for value in values])
+        texts = ([_written(value) for value in column.tolist()] for column in content.columns.values())
         writer.writerows(zip(*texts, strict=True))
         return write_whole(path, lambda file: file.write(lines.getvalue().encode()))
     fields, arrays = [], []
@@ -167,6 +159,11 @@ def write_columns(content: Columns, declared: Declared, path: str | Path) -> Pat
         arrays.append(array)
     table = pa.table(arrays, schema=pa.schema(fields, metadata={KEY: stated}))
     return write_whole(path, lambda file: pq.write_table(table, file, compression="zstd"))
+
+
+def _written(value: Any) -> str:
+    """Return a value as CSV has it: a number so that it is read back to the last bit."""
+    return "" if value != value else str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _read(path: Path, declared: Declared) -> Columns | Table:

@@ -329,46 +329,41 @@ def _when_of(folder: Path) -> str:
 def _filters(words: Sequence[str]) -> list[Callable[[Entry], bool]]:
     """Return what the words ask of an entry. Raises `ValueError`, in one line."""
     keep: list[Callable[[Entry], bool]] = []
-    named = set()
+    known = (*COLUMNS, "since", "until")
     for word in words:
         key, equals, value = word.partition("=")
         differs = key.endswith("!")
         key = key.removesuffix("!")
-        known = (*COLUMNS, "since", "until")
         if key not in known:
             raise ValueError(f"studies: there is no column {key!r}; {suggest(key, known)}")
         if not equals or not value:
             raise ValueError(f"studies: {key} needs a value, such as {key}=VALUE; globs (full*) and a,b are read")
-        named.add(key)
-        if key in ("since", "until"):
-            if differs:
-                raise ValueError(f"studies: {word}: write since= or until=")
-            # as entries have it: ISO, UTC
-            ago = _AGO.fullmatch(value)
-            try:
-                if ago:
-                    moment = datetime.now(UTC) - timedelta(hours=int(ago[1]) * _HOURS[ago[2]])
-                else:
-                    moment = datetime.fromisoformat(value)
-                    moment = moment.astimezone(UTC) if moment.tzinfo else moment.replace(tzinfo=UTC)
-            except (ValueError, OverflowError):
-                such = "a day (2026-11-01), a time, or how long ago (7d, 12h, 2w)"
-                raise ValueError(f"studies: {key}={value:.40}: {such}") from None
-            at = moment.isoformat(timespec="seconds")
-            keep.append(lambda entry, at=at, since=key == "since": (entry.when >= at) == since)  # type: ignore[misc]
-        else:
-            choices = value.split(",")
-            keep.append(lambda entry, key=key, of=choices, no=differs: _has(entry, key, of) != no)  # type: ignore[misc]
-    if "archived" not in named:
+        if key not in ("since", "until"):
+            keep.append(lambda entry, key=key, of=value, no=differs: _has(entry, key, of) != no)  # type: ignore[misc]
+            continue
+        if differs:
+            raise ValueError(f"studies: {word}: write since= or until=")
+        try:
+            if ago := _AGO.fullmatch(value):
+                moment = datetime.now(UTC) - timedelta(hours=int(ago[1]) * _HOURS[ago[2]])
+            else:
+                moment = datetime.fromisoformat(value)
+                moment = moment.astimezone(UTC) if moment.tzinfo else moment.replace(tzinfo=UTC)
+        except (ValueError, OverflowError):
+            such = "a day (2026-11-01), a time, or how long ago (7d, 12h, 2w)"
+            raise ValueError(f"studies: {key}={value:.40}: {such}") from None
+        at = moment.isoformat(timespec="seconds")  # as entries have it: ISO, UTC
+        keep.append(lambda entry, at=at, since=key == "since": (entry.when >= at) == since)  # type: ignore[misc]
+    if not any(word.startswith(("archived=", "archived!=")) for word in words):
         keep.append(lambda entry: not entry.archived)
     return keep
 
 
-def _has(entry: Entry, key: str, choices: Sequence[str]) -> bool:
+def _has(entry: Entry, key: str, choices: str) -> bool:
     found = getattr(entry, key)
     texts = [str(one) for one in found] if isinstance(found, tuple) else [str(found)]
     texts = [text.lower() for text in texts] if isinstance(found, bool) else texts
-    return any(fnmatchcase(text, choice) for text in texts for choice in choices)
+    return any(fnmatchcase(text, choice) for text in texts for choice in choices.split(","))
 
 
 def find_study(results: Path, name: str) -> tuple[Path, Entry]:

@@ -10,7 +10,6 @@ data and start, so they are exchanged among themselves where every epoch has the
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from html import escape
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, final
@@ -18,6 +17,7 @@ from typing import Any, final
 import numpy as np
 import pandas as pd
 
+from calibench.bench.report.shared.page import macros
 from calibench.bench.statistics import summary as stats, two_studies
 from calibench.bench.statistics.cells import SETTING, answers
 from calibench.bench.statistics.ranking import By, holm, order_of_scores, scores
@@ -34,6 +34,8 @@ _AXES = {
     "goal": "charged at the goal", "charged": "charged", "value": "best value", "success": "share that reached the goal"
 }  # fmt: skip
 _FROM = ("problem", "optimizer", "start", "budget")
+_TEMPLATE = "tracking/templates/history.html.j2"
+_WIDE, _LEFT, _TOP, _FLOOR = 760, 70, 40, 200  # of a drawing
 
 
 @final
@@ -177,16 +179,13 @@ def _of_study(results: Path, entry: Entry, asked: Asked) -> pd.DataFrame:
 
 
 def _versions(runs: pd.DataFrame, by: By) -> list[Version]:
-    parts = [mine for _, mine in runs.groupby(["code_digest", "study"], sort=False, dropna=False)]
-    parts.sort(key=lambda mine: mine["started_at"].min())
-    joined: list[pd.DataFrame] = []
-    for mine in parts:  # what one code ran in several studies, one after the other, is one version
-        if joined and joined[-1]["code_digest"].iloc[0] == mine["code_digest"].iloc[0]:
-            joined[-1] = pd.concat([joined[-1], mine])
-        else:
-            joined.append(mine)
+    runs = runs.assign(code_digest=runs["code_digest"].fillna(""))
+    begun = runs.groupby(["code_digest", "study"])["started_at"].transform("min")
+    runs = runs.assign(begun=begun).sort_values(["begun", "code_digest", "study"])
+    # what one code ran in several studies, one after the other, is one version
+    number = (runs["code_digest"] != runs["code_digest"].shift()).cumsum()
     versions: list[Version] = []
-    for mine in joined:
+    for _, mine in runs.groupby(number):
         made_in = tuple(mine["study"].unique())
         mine = mine.drop_duplicates("run_id").sort_values(["repetition", "run_id"]).reset_index(drop=True)
         first = mine.sort_values("started_at").iloc[0]
@@ -291,7 +290,6 @@ def rows_of(history: History) -> list[dict[str, Any]]:
 
 def drawing(history: History) -> str:
     """Return one history as SVG: a point a version with its quartiles, a line where the change point is."""
-    wide, high, left, floor = 760, 240, 70, 200
     points = [summary_of(history, version) for version in history.versions]
     values = np.array([point[:3] for point in points])
     known = np.isfinite(values)
@@ -300,45 +298,21 @@ def drawing(history: History) -> str:
     scaled = np.log10(finite) if logarithmic else finite
     low, top = float(scaled.min()), float(scaled.max())
     y = np.full(values.shape, 20.0)  # one that is not finite stands above all others
-    y[known] = floor - (floor - 40) * (scaled - low)[: known.sum()] / ((top - low) or 1.0)
-    x = left + (wide - left - 30) * (np.arange(len(points)) + 0.5) / len(points)
-    parts = []
-    for i, (version, (*_, text)) in enumerate(zip(history.versions, points, strict=True)):
-        step, (q1, middle, q3) = history.steps.get(i), y[i]
-        colour = {"worse": "#c0392b", "better": "#1e8449"}.get(step.verdict if step else "", "currentColor")
-        title = f"{version.commit[:8]} {version.began:%Y-%m-%d}: {text}"
-        title += f"; {step.verdict}: {step.why}" if step else ""
-        parts.append(
-            f'<g><title>{escape(title)}</title><line x1="{x[i]:.1f}" x2="{x[i]:.1f}" y1="{q1:.1f}" y2="{q3:.1f}" '
-            f'stroke="{colour}"/><circle cx="{x[i]:.1f}" cy="{middle:.1f}" r="4" fill="{colour}"/>'
-            f'<text x="{x[i]:.1f}" y="{floor + 18}" font-size="12" text-anchor="middle" fill="currentColor">'
-            f"{escape(version.commit[:7])}</text></g>"
-        )
-    if history.change is not None and history.change.p_holm <= two_studies.LEVEL:
-        at = x[history.change.version - 1 : history.change.version + 1].mean()
-        parts.append(
-            f'<line x1="{at:.1f}" x2="{at:.1f}" y1="20" y2="{floor}" stroke="#c0392b" stroke-dasharray="4 3"/>'
-        )
-    parts.append(f'<text x="8" y="14" font-size="12" fill="currentColor">{_AXES[history.shown]}</text>')
-    for value, place in ((low, floor), (top, 40)):
-        number = plain(10**value if logarithmic else value)
-        parts.append(
-            f'<text x="{left - 8}" y="{place + 4}" font-size="12" text-anchor="end" fill="currentColor">{number}</text>'
-        )
-    label = escape(f"{history.called} over {len(points)} versions, by {history.shown}")
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {wide} {high}" role="img" aria-label="{label}">'
-        + "".join(parts) + "</svg>"
+    y[known] = _FLOOR - (_FLOOR - _TOP) * (scaled - low)[: known.sum()] / ((top - low) or 1.0)
+    x = _LEFT + (_WIDE - _LEFT - 30) * (np.arange(len(points)) + 0.5) / len(points)
+    change = history.change
+    has_changed = change is not None and change.p_holm <= two_studies.LEVEL
+    return macros(_TEMPLATE).drawing(
+        history, _AXES[history.shown], [text for *_, text in points], x, y,
+        at=x[change.version - 1 : change.version + 1].mean() if change is not None and has_changed else None,
+        ends=[(plain(10**v if logarithmic else v), place) for v, place in ((low, _FLOOR), (top, _TOP))],
+        wide=_WIDE, left=_LEFT, floor=_FLOOR,
     )  # fmt: skip
 
 
 def page(found: Sequence[History]) -> str:
     """Return a page of its own with the drawing of each history; it opens offline."""
-    style = "body{font:16px/1.5 system-ui,sans-serif;max-width:820px;margin:2em auto;padding:0 1em;"
-    style += "color-scheme:light dark}svg{width:100%;height:auto}"
-    parts = [f"<h2>{escape(one.called)}</h2><p>{escape(sentence(one))}</p>{drawing(one)}" for one in found]
-    head = '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-    return f"{head}<title>History</title><style>{style}</style><h1>History</h1>{''.join(parts)}</html>\n"
+    return macros(_TEMPLATE).page([(one.called, sentence(one), drawing(one)) for one in found]).lstrip()
 
 
 def sentence(history: History) -> str:

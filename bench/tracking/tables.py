@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     import pyarrow.dataset as ds
 
 TableName = Literal["runs", "traces", "hits", "findings", "gaps"]
+Groups = Mapping[str, Sequence[Sequence[Path]]]  # the files of each table, those with the same columns together
 _TEXT, _REAL = pa.string(), pa.float64()
 SCHEMAS: dict[str, pa.Schema] = {
     "runs": RUNS_SCHEMA, "traces": TRACES_SCHEMA, "hits": HITS_SCHEMA, "findings": FINDINGS_SCHEMA, "gaps": GAPS_SCHEMA,
@@ -205,29 +206,35 @@ def query(results: Path, text: str) -> tuple[list[str], list[tuple[Any, ...]], l
                 if row is not None:
                     arms.append(row | {"folder": texts[entry.study]})
         in_memory["calibrations"] = pa.Table.from_pylist(arms, CALIBRATIONS_SCHEMA)
+    groups, damaged = _by_columns(files, sealed=False)
     try:
         try:
-            return *_answer(text, {name: [paths] for name, paths in files.items()}, in_memory), left_out
+            answer = _answer(text, groups, in_memory)
         except (duckdb.ParserException, duckdb.BinderException, duckdb.CatalogException):  # the question is wrong
             raise
-        except duckdb.Error:  # a file may be: asked of those that are as they were written, by their columns
-            groups: dict[str, dict[frozenset[str], list[Path]]] = {name: {} for name in files}
-            for name, paths in files.items():
-                for path in paths:
-                    try:
-                        columns = frozenset(check_table(path, sealed=name in _SEALED).schema_arrow.names)
-                        groups[name].setdefault(columns, []).append(path)
-                    except StoreError as error:
-                        left_out.append(LeftOut(path.parent, str(error)))
-            whole = {name: [*of_one.values()] for name, of_one in groups.items()}
-            return *_answer(text, whole, in_memory), left_out
+        except duckdb.Error:  # a file may be: asked of those that are as they were written
+            groups, damaged = _by_columns(files, sealed=True)
+            answer = _answer(text, groups, in_memory)
     except duckdb.Error as error:
         raise ValueError(f"sql: {' '.join(str(error).split())[:600]}") from None
+    return *answer, [*left_out, *damaged]
 
 
-def _answer(
-    text: str, groups: Mapping[str, Sequence[Sequence[Path]]], in_memory: Mapping[str, pa.Table]
-) -> tuple[list[str], list[tuple[Any, ...]]]:
+def _by_columns(files: Mapping[str, Sequence[Path]], *, sealed: bool) -> tuple[Groups, list[LeftOut]]:
+    """Return of each table its files in groups with the same columns, and what is left out."""
+    groups: dict[str, dict[frozenset[str], list[Path]]] = {name: {} for name in files}
+    left_out = []
+    for name, paths in files.items():
+        for path in paths:
+            try:
+                columns = frozenset(check_table(path, sealed=sealed and name in _SEALED).schema_arrow.names)
+                groups[name].setdefault(columns, []).append(path)
+            except StoreError as error:
+                left_out.append(LeftOut(path.parent, str(error)))
+    return {name: [*of_one.values()] for name, of_one in groups.items()}, left_out
+
+
+def _answer(text: str, groups: Groups, in_memory: Mapping[str, pa.Table]) -> tuple[list[str], list[tuple[Any, ...]]]:
     """Return names and rows of a SELECT. Each group of files has the columns of its first one; DuckDB reads them."""
     import duckdb
 

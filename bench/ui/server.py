@@ -13,12 +13,11 @@ import secrets
 import socket
 import threading
 import time
-from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from fnmatch import fnmatchcase
-from functools import cache
+from functools import cache, lru_cache
 from hashlib import blake2b
 from hmac import compare_digest
 from importlib.resources import files
@@ -72,6 +71,7 @@ _NAMED = ("problem", "optimizer")
 _LARGEST_FORM = 100_000  # bytes
 _ORDERS: tuple[By, ...] = ("goal", "value", "charged")
 _COLUMNS = ("run_id", "problem", "optimizer", "repetition", "status", "stop_reason", "best_value", "charged", "wall_s")
+_SEARCHED = ["problem", "optimizer", "status", "stop_reason"]  # by a text, beside the id
 _NUMBERS = ("repetition", "best_value", "charged", "wall_s")
 _OURS = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
@@ -186,7 +186,6 @@ class _Site:
         self.results, self.write, self.form_token = results, write, secrets.token_urlsafe(24)
         self._listed: dict[str, Entry] = {}
         self._until = 0.0
-        self._pages: OrderedDict[tuple[Any, ...], str] = OrderedDict()
         self._lock = threading.Lock()  # pages of studies are made one by one
 
     def page(self, make: Callable[[Request], Response]) -> Callable[[Request], Response]:
@@ -294,34 +293,13 @@ class _Site:
         number = request.path_params["number"]
         if number >= len(pages):
             raise HTTPException(404)
-        path = pages[number]
-        text = self._fresh(folder) if entry.kind == "runs" and number == 0 else path.read_text("utf-8", "replace")
+        if entry.kind == "runs" and number == 0:
+            with self._lock:
+                text = _report(folder, state_of(folder))
+        else:
+            text = pages[number].read_text("utf-8", "replace")
         ours = f"{policy()}; frame-ancestors 'self'; sandbox allow-scripts"
         return HTMLResponse(text, headers={"content-security-policy": ours})
-
-    def _fresh(self, folder: Path) -> str:
-        """Return the report of a study: as it was written, where that is later than its runs and of this version."""
-        state = state_of(folder)
-        with self._lock:
-            if (folder, state) in self._pages:
-                return self._pages[folder, state]
-            store, written = ResultStore(folder), folder / "report.html"
-            text = ""
-            if written.is_file() and not written.is_symlink() and not store.has_journals():
-                text = written.read_text("utf-8", "replace")
-                late = written.stat().st_mtime_ns < max(size_time[2] for size_time in state[:3])
-                text = "" if late or str(escape(policy())) not in text else text
-            if not text:  # the page without drawings: its scripts draw
-                with tables.problems_made_once():
-                    finished = finished_runs(store)
-                    text = StudyPage(
-                        folder=store.folder, runs=finished.runs, traces=finished.traces, summary=finished.summary,
-                        hits=Hits.of(store.hits(levels_of(finished.runs))), manifest=store.manifest(),
-                    ).html()  # fmt: skip
-            self._pages[folder, state] = text
-            while len(self._pages) > _KEPT:
-                self._pages.popitem(last=False)
-            return self._pages[folder, state]
 
     def runs(self, request: Request) -> Response:
         """Answer with the runs of a study, those that keep to the words, in the order of a column."""
@@ -340,12 +318,8 @@ class _Site:
                 known = [v for v in table[column].unique() if any(fnmatchcase(str(v), one) for one in value.split(","))]
                 keep &= table[column].isin(known) != differs
             else:
-                text = word.casefold()
-                any_of = pd.Series(False, index=table.index)
-                for name in ("run_id", "problem", "optimizer", "status", "stop_reason"):
-                    known = [one for one in table[name].unique() if text in str(one).casefold()]
-                    any_of |= table[name].isin(known)
-                keep &= any_of
+                said = table["run_id"].str.cat(table[_SEARCHED].astype(str), sep="\n").str.casefold()
+                keep &= said.str.contains(word.casefold(), regex=False)
         found = table[keep]
         if order.lstrip("-") in _COLUMNS:
             found = found.sort_values(order.lstrip("-"), ascending=not down, kind="stable")
@@ -459,7 +433,7 @@ class _Site:
         histories = [
             {
                 "title": one.called, "by": one.shown, "setting": one.setting[1:], "sentence": history.sentence(one),
-                "rows": history.rows_of(one), "drawing": Markup(history.drawing(one)),  # it escapes what it is given
+                "rows": history.rows_of(one), "drawing": history.drawing(one),
             }
             for one in found[:_CELLS]
         ]  # fmt: skip
@@ -475,6 +449,22 @@ class _Site:
         if found is None:
             raise HTTPException(404)
         return Response(found[1], media_type=found[0])
+
+
+@lru_cache(maxsize=_KEPT)
+def _report(folder: Path, state: "State") -> str:
+    """Return the report of a study: as it was written, where that is later than its runs and of this version."""
+    store, written = ResultStore(folder), folder / "report.html"
+    if written.is_file() and not written.is_symlink() and not store.has_journals():
+        text = written.read_text("utf-8", "replace")
+        if str(escape(policy())) in text and written.stat().st_mtime_ns >= max(changed for _, _, changed in state[:3]):
+            return text
+    with tables.problems_made_once():  # the page without drawings: its scripts draw
+        finished = finished_runs(store)
+        return StudyPage(
+            folder=store.folder, runs=finished.runs, traces=finished.traces, summary=finished.summary,
+            hits=Hits.of(store.hits(levels_of(finished.runs))), manifest=store.manifest(),
+        ).html()  # fmt: skip
 
 
 def _pages_in(folder: Path, entry: Entry) -> list[Path]:

@@ -225,6 +225,11 @@ def test_sql_reads_files_of_any_name_and_of_fewer_columns_and_leaves_out_the_dam
     write_tables([table], table.schema, traces)
     asked = "select count(distinct run_id), count(restart) < count(*) from traces"
     assert query(results, asked)[1:] == ([(3, True)], [])
+    for runs in results.rglob("runs.parquet"):  # whichever file is first: no value of another is lost
+        whole, table = runs.read_bytes(), pq.read_table(runs).drop_columns(["seed"])
+        write_tables([table], table.schema, runs)
+        assert query(results, "select count(*), count(seed) from runs")[1:] == ([(4, 3)], [])
+        runs.write_bytes(whole)
     for spoilt in (b"PAR1" + b"\xff" * 50 + b"PAR1", b"x"):
         (results / "odd 1" / "traces.parquet").write_bytes(spoilt)
         _, rows, [left_out] = query(results, asked)
