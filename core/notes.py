@@ -49,7 +49,6 @@ class Code(StrEnum):
     BEYOND_LIMITS = "beyond_limits", "a joint stands outside its limits"
     JOINT_STILL = "joint_still", "a joint, or a column of a rotation, holds one value in every row"
     TABLE_MISTAKE = "table_mistake", "the readings fit the arm with one change of its table"
-    POSE_INVERTED = "pose_inverted", "poses fit with one side inverted, or mounted the other way"
     # how sure the answer is
     DISTANCE_UNKNOWN = "distance_unknown", "no distance of two sockets is stated, so that nothing tells the arm's size"
     GAINS_WOULD_HELP = "gains_would_help", "scales of the joints' readings would predict better, and have no place"
