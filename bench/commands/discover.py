@@ -8,7 +8,6 @@ import sys
 
 import numpy as np
 
-from calibench.bench.calibration.request import read_design_poses, write_design
 from calibench.bench.commands.console import print_table
 from calibench.bench.discovery.batch import Designed, designed, read_discover, search_all
 from calibench.bench.discovery.page import words as wording
@@ -106,6 +105,8 @@ def _print(answer: Designed) -> None:
 
 def design_poses(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("--json",))
+    from calibench.bench.calibration.request import read_design_poses, write_design  # which a search does not need
+
     plan, to = read_design_poses(words)
     kinds = {joint.name: joint.kind for joint in plan.chain.joints}
     turns = [(name, kinds.get(name, "rotary") == "rotary") for name in plan.chain.driven]  # and those that slide

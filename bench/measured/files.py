@@ -26,7 +26,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
-from scipy.io import loadmat, whosmat
 
 from calibench.bench.measured.by_time import ros_columns
 from calibench.bench.store.atomic_file import write_whole
@@ -395,6 +394,8 @@ _HEAD, _PACKED, _SHAPE, _ARRAY = 128, 15, 5, 14  # bytes before the first elemen
 
 def read_matlab(path: Path, text: Collection[str] = ()) -> Columns:
     """Return the columns, of which `text` hold words, and the units that names in brackets state."""
+    from scipy.io import loadmat, whosmat  # which no other file needs
+
     content = data_file.read_whole(path, data_file.LARGEST_TEXT, _SMALLER)
     if content[:64].startswith(b"MATLAB 7.3") or content[:8] == b"\x89HDF\r\n\x1a\n":
         raise DataError("is a MATLAB file of version 7.3, which is HDF5; save it with save('-v7', ...)")

@@ -13,6 +13,7 @@ from functools import cache, cached_property
 from typing import final
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import chdtri, chndtr, fdtrc
 
@@ -120,23 +121,27 @@ class ProjectedScores:
 
     def gain(self, T: float, m: int) -> float:
         """Return what a candidate of rank m that explains T brings in twice the log-likelihood."""
-        if not self.profiled:
-            return T
-        total, rest = self.total, max(self.degrees - m, 1)
-        return rest * float(np.log(total / max(total - T, 1e-12 * total))) if total > 0 else 0.0
+        return float(self.gains(np.asarray(T), np.asarray(m))) if self.profiled else T
 
-    def test(self, T: float, m: int) -> float:
-        """Return the p of the F test of what a candidate of rank m explains, T, of the `tested` scores."""
+    def gains(self, T: Array, m: Array) -> Array:
+        if not self.profiled or not self.total > 0:
+            return T if not self.profiled else np.zeros_like(T)
+        rest = np.maximum(self.degrees - m, 1)
+        return np.asarray(rest * np.log(self.total / np.maximum(self.total - T, 1e-12 * self.total)))
+
+    def test(self, T: ArrayLike, m: ArrayLike) -> Array:
+        """Return the p of the F tests of what candidates of rank m explain, T, of the `tested` scores."""
         total = float(self.tested @ self.tested)
         return f_test(T, m, max(total, self.degrees) if self.bounded else total, self.degrees)
 
 
-def f_test(T: float, m: int, total: float, degrees: int) -> float:
-    """Return the p of T, of rank m, out of a `total` sum of squares with `degrees` of freedom."""
+def f_test(T: ArrayLike, m: ArrayLike, total: float, degrees: int) -> Array:
+    """Return the p of each T, of rank m, out of a `total` sum of squares with `degrees` of freedom."""
+    T, m = np.asarray(T), np.asarray(m)
     rest = degrees - m
-    if rest <= 0 or m == 0:
-        return 1.0
-    return float(fdtrc(m, rest, max(T, 0.0) / m / max((total - T) / rest, 1e-300)))
+    some, left = np.maximum(m, 1), np.maximum(rest, 1)
+    p = fdtrc(some, left, np.maximum(T, 0.0) / some / np.maximum((total - T) / left, 1e-300))
+    return np.where((rest > 0) & (m > 0), p, 1.0)
 
 
 def p_by_own_scatter(on: ProjectedScores, U: Array) -> float:
@@ -267,8 +272,9 @@ def score_all(
                 for name, moved in more:
                     raw[:, :, j] += at.slopes[name][:, :, None] * moved[:, None, :]
             D = at.whiten(at.model.formulation.decorrelate(raw))
-            for place, (seen, z) in zip(some, _seen(on, D, least, bases)):
-                found[place] = _scored(fit, on, effects[place], seen, z), seen.U
+            tested = _scored(fit, on, [effects[place] for place in some], [*_seen(on, D, least, bases)])
+            for place, one in zip(some, tested):
+                found[place] = one
     return found
 
 
@@ -285,20 +291,28 @@ def _by_sums(fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: fl
         squares, vectors = np.linalg.eigh(left)
         s, V = np.sqrt(np.maximum(squares[:, ::-1], 0.0)), vectors[:, :, ::-1]
         lengths = np.sqrt(np.maximum(np.diagonal(left, axis1=1, axis2=2), 0.0))
-        for j, place in enumerate(places):
-            kept = s[j] > least
+        parts = []
+        for j, kept in enumerate(s > least):
             shown = V[j][:, kept] / s[j, kept]
             rowless = np.empty((0, shown.shape[1]))
             seen = Subspace(rowless, shown / size[j, :, None], float(s[j, 0]), size[j], lengths[j])
-            found[place] = _scored(fit, on, effects[place], seen, b[j] @ shown), seen.U
+            parts.append((seen, b[j] @ shown))
+        for place, one in zip(places, _scored(fit, on, [effects[place] for place in places], parts)):
+            found[place] = one
     return found
 
 
-def _scored(fit: Fit, on: ProjectedScores, effect: Effect, seen: Subspace, z: Array) -> Scored:
-    (T, tested), m, scale = (z**2).sum(axis=1), z.shape[1], fit.noise.gain
-    c = -seen.back @ z[0] / scale  # a step of Gauss and Newton: what takes the residual away
-    without_rows = replace(seen, U=np.empty((0, seen.U.shape[1])))
-    return Scored(effect, float(T), m, on.test(float(tested), m), c, without_rows, scale)
+def _scored(
+    fit: Fit, on: ProjectedScores, effects: Sequence[Effect], parts: Sequence[tuple[Subspace, Array]]
+) -> list[tuple[Scored, Array]]:
+    found, scale = [], fit.noise.gain
+    squares = np.array([(z**2).sum(axis=1) for _, z in parts])
+    p = on.test(squares[:, 1], [z.shape[1] for _, z in parts])
+    for effect, (seen, z), (T, _), own_p in zip(effects, parts, squares.tolist(), p.tolist()):
+        c, U = -seen.back @ z[0] / scale, seen.U  # a step of Gauss and Newton: what takes the residual away
+        rowless = replace(seen, U=U[:0].copy()) if len(U) else seen
+        found.append((Scored(effect, T, z.shape[1], own_p, c, rowless, scale), U))
+    return found
 
 
 def smallest_p_law(on: ProjectedScores, seen: Sequence[Array], rng: np.random.Generator) -> Array:

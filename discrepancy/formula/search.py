@@ -593,13 +593,13 @@ class _Search:
         scored.sort(key=lambda s: -self._step_worth(s[0], s[1], s[2], on))
         if not scored:
             return [], 1.0
-        alone, tests = on.test(*scored[0][:2]), sum(self.count)
+        alone, tests = float(on.test(*scored[0][:2])), sum(self.count)
         p = family_wise(alone, np.empty(0), tests)
         if p > _LEVEL and rng is not None and len(on.y) <= _DRAWN_ROWS:
             drawn = rng.standard_normal((len(on.y), _DRAWN))
             drawn -= on.Q @ (on.Q.T @ drawn)
             most = np.max([most for _, _, most in self.everything(on, drawn).values()], axis=0)
-            p = family_wise(alone, np.sort([on.test(float(t), 1) for t in most]), tests)
+            p = family_wise(alone, np.sort(on.test(most, 1)), tests)
         tried: dict[tuple[object, ...], Term] = {}
         shown: set[tuple[str, int]] = set()  # each quantity with its best single column and its best pair
         for _, _, term in scored:

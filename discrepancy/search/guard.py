@@ -10,15 +10,14 @@ function. A likelihood counts the numbers that a function needs, so no error is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 from typing import final
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dormqr, dpstrf, dpttrf, dpttrs, dsytrd
+from scipy.linalg.lapack import dormqr, dpstrf, dsytrd, dtrtrs
 
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit, once, orthonormal, project_off, thinned
@@ -29,7 +28,7 @@ from calibench.discrepancy.model.roles import roles_of
 from calibench.discrepancy.noise.whiten import Whitener
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.report import Caution, Doubt, Finding
-from calibench.discrepancy.search.form import MOST, forms_of
+from calibench.discrepancy.search.form import MOST, forms_of, product
 from calibench.discrepancy.search.select import Option
 from calibench.discrepancy.search.smoother import Component
 from calibench.discrepancy.thresholds import thresholds
@@ -209,46 +208,48 @@ def _accounts(
                 values = np.unique(x)
                 levels = tuple(map(float, values)) if len(values) <= _LEVELS else ()
                 columns[name] = Component("", name, "", (name,), (low,), (high,), _WAVES, levels)
+    waves = {name: one.waves(data.columns) for name, one in columns.items()}
     # a function of a direction is one of the velocity that has this sign
     own: dict[str, set[str]] = {name_of(e): set() for e in named}
     for e in named:
         own[name_of(e)].update(name for name in columns if name in e.columns or _has_sign_of(e, name, data))
     for effect, values in part.changes:
         y = values - values.mean()
-        for name, one in columns.items():
-            A = np.column_stack([np.ones(len(values)), one.waves(data.columns)[0]])
+        for name in columns:
+            A = np.column_stack([np.ones(len(values)), waves[name][0]])
             left = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
             if left @ left < _OWN * (y @ y):
                 own[name_of(effect)].add(name)
     law = part.gain if np.isfinite(at.noise.t_degrees) else 0.0  # heavy tails are cut by their scale
+    sides = {name: _side(*of) for name, of in waves.items()}
 
-    def account(names: tuple[str, ...], waves: Callable[[], tuple[Array, Array]]) -> Account:
-        return part.account(names, once(lambda: part.errors(*waves(), len(names)), fixed, "errors", names, law))
+    def smooth(*names: str) -> list[list[_Error]]:
+        of = waves[names[0]] if len(names) == 1 else _of_both(*(sides[one] for one in names))
+        return part.errors(*of, len(names))
 
-    tried = [account((name,), partial(one.waves, data.columns)) for name, one in columns.items()]
+    def account(columns_of: Iterable[tuple[str, ...]]) -> list[Account]:
+        known = {names: once(partial(smooth, *names), fixed, "errors", names, law) for names in columns_of}
+        return part.accounts(known)
+
+    tried = account((name,) for name in columns)
     best = sorted(tried, key=lambda one: -max(one.larger, one.alone))[:_TOP]
-    met = dict.fromkeys(
-        [*(name for names in own.values() for name in sorted(names)), *(one.columns[0] for one in best)]
-    )
-    for a, b in combinations(columns, 2):
-        if a in met or b in met:
-            tried.append(account((a, b), partial(_waves_of_two, columns[a], columns[b], data)))
-    return tried, own
+    met = {name for names in own.values() for name in names} | {one.columns[0] for one in best}
+    return tried + account(pair for pair in combinations(columns, 2) if met & {*pair}), own
 
 
-def _waves_of_two(one: Component, other: Component, data: MeasuredData) -> tuple[Array, Array]:
-    """Return the functions of both columns, (n, m), and their frequencies, (m,)."""
-    sides = []
-    for side in (one, other):
-        waves, frequencies = replace(side, count=_SIDE).waves(data.columns)
-        if not side.levels:
-            waves, frequencies = np.insert(waves, 0, 1.0, axis=1), np.insert(frequencies, 0, 0.0)
-        sides.append((waves, frequencies))
-    (first, slow), (second, fast) = sides
+def _side(waves: Array, frequencies: Array) -> tuple[Array, Array]:
+    """Return those functions of a column that products with another column's are made of, and their frequencies."""
+    if not frequencies.any():
+        return waves, frequencies
+    return np.insert(waves[:, : _SIDE - 1], 0, 1.0, axis=1), np.insert(frequencies[: _SIDE - 1], 0, 0.0)
+
+
+def _of_both(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the functions of two columns, (n, m), and their frequencies, (m,)."""
+    (first, slow), (second, fast) = one, other
     squares = (slow[:, None] ** 2 + fast**2).ravel()
     some = squares > 0 if squares.any() else np.ones(len(squares), dtype=bool)
-    both = (first[:, :, None] * second[:, None, :]).reshape(len(first), -1)[:, some]
-    return both, np.sqrt(squares[some])
+    return product(first, second)[:, some], np.sqrt(squares[some])
 
 
 def _priors(frequencies: Array, over: int) -> Iterator[Array]:
@@ -264,16 +265,14 @@ def _priors(frequencies: Array, over: int) -> Iterator[Array]:
 @final
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """The scores y (N,) with what names explain, and their columns (N, k), which `variances` scale.
+    """The scores with what names explain, and the columns of these, each by what it may be: `given` (N, 1 + k).
 
     `slopes` are those of the quantities that they change, alike ones once; `sets` the places of all of them and of
     those of each name. `off` is how large, in the scores, errors of their forms may be; `changes` the names' effects.
     """
 
-    y: Array
+    given: Array
     Q: Array
-    columns: Array
-    variances: Array
     slopes: Sequence[Array]
     sets: Sequence[Sequence[int]]
     off: float
@@ -284,7 +283,7 @@ class _Part:
 
     @property
     def degrees(self) -> int:
-        return int(len(self.y) - self.Q.shape[1])
+        return int(len(self.given) - self.Q.shape[1])
 
     @classmethod
     def of(cls, at: Fit, named: Sequence[Effect], errors: Sequence[Effect]) -> _Part:
@@ -314,36 +313,40 @@ class _Part:
                 changes += [(effect, np.asarray(basis) @ at.x[place])] if effect in named else []
             sets += [sorted({*acting})]
         every = [[*range(len(slopes))], *(one for one in sets if len(one) < len(slopes))]
+        y = project_off(at.noise.scores(r) - sum(signs) - rest, Q)
+        shown = project_off(np.concatenate(columns, axis=1), Q, times=2) * np.sqrt(np.concatenate(variances))
         return cls(
-            y=project_off(at.noise.scores(r) - sum(signs) - rest, Q), Q=Q,
-            columns=project_off(np.concatenate(columns, axis=1), Q, times=2), variances=np.concatenate(variances),
-            slopes=slopes, sets=[list(one) for one in dict.fromkeys(map(tuple, every))],
+            given=np.column_stack([y, shown]), Q=Q, slopes=slopes,
+            sets=[list(one) for one in dict.fromkeys(map(tuple, every))],
             off=float(np.sqrt(thresholds().formula_error * np.mean(sum(signs) ** 2))), changes=changes,
             white=at.at.whiten, gain=gain, least=0.0 if at.noise.profiled else 1.0,
         )  # fmt: skip
 
-    def account(self, columns: tuple[str, ...], errors: Sequence[Sequence[_Error]]) -> Account:
-        """Return what smooth errors over columns say of the names; the first ones are of all slopes."""
-        off = _OFF * self.off
-        likely = [[one.likely(np.concatenate([off, _SIZES]), self) for one in own] for own in errors]
-        alone = max(float(one[0, len(off) :].max()) for own in likely for one in own)
-        named = np.max([one[1] for one in likely[0]], axis=0)
-        form, beside = named[: len(off)], named[len(off) :]
-        larger = np.max(beside, where=self.off < _SIZES, initial=-np.inf)
-        return Account(columns, float(form.max()), float(beside.max()), float(larger), alone)
+    def accounts(self, tried: Mapping[tuple[str, ...], Sequence[Sequence[_Error]]]) -> list[Account]:
+        """Return what smooth errors over columns say of the names; the first ones of each are of all slopes."""
+        off, found = _OFF * self.off, []
+        every: list[_Error] = [one for own in tried.values() for alike in own for one in alike]
+        likely = iter(_likely(every, np.concatenate([off, _SIZES]), self) if every else np.empty(0))
+        for columns, own in tried.items():
+            sets = [[next(likely) for _ in alike] for alike in own]
+            alone = max(float(one[0, len(off) :].max()) for alike in sets for one in alike)
+            named = np.max([one[1] for one in sets[0]], axis=0)
+            form, beside = named[: len(off)], named[len(off) :]
+            larger = np.max(beside, where=self.off < _SIZES, initial=-np.inf)
+            found.append(Account(columns, float(form.max()), float(beside.max()), float(larger), alone))
+        return found
 
     def errors(self, waves: Array, frequencies: Array, over: int) -> list[list[_Error]]:
         """Return the smooth errors of functions (n, m) of `over` columns: of each set of slopes, one of each prior."""
         raw = [self.white(slope[:, :, None] * waves[:, None, :]) * self.gain for slope in self.slopes]
         sizes = [float(np.mean(one**2)) or 1.0 for one in raw]
-        seen = [project_off(one, self.Q, times=2) for one in raw]
-        given = np.column_stack([self.y, self.columns * np.sqrt(self.variances)])
-        found = []
+        seen = [project_off(one, self.Q) for one in raw]
+        squares, found = self.given.T @ self.given, []
         for acting in self.sets:
             A = np.concatenate([seen[j] for j in acting], axis=1)
-            factor, z = _factor(A.T @ A, A.T @ given)
+            factor, z = _factor(A.T @ A, A.T @ self.given)
             priors = (np.concatenate([prior / sizes[j] for j in acting]) for prior in _priors(frequencies, over))
-            found.append([_Error.of(factor, z, given.T @ given, one / len(acting), self.gain) for one in priors])
+            found.append([_Error.of(factor, z, squares, one / len(acting), self.gain) for one in priors])
         return found
 
 
@@ -354,7 +357,7 @@ def _factor(sums: Array, along: Array) -> tuple[Array, Array]:
     # two rows are zero: LAPACK solves for two and more
     factor, z = np.zeros((rank + 2, len(sums))), np.zeros((rank + 2, along.shape[1]))
     factor[:rank, order] = np.triu(upper[:rank])
-    z[:rank] = solve_triangular(upper[:rank, :rank], along[order[:rank]], trans="T")
+    z[:rank] = dtrtrs(upper[:rank, :rank], along[order[:rank]], trans=1)[0]
     return factor, z
 
 
@@ -388,22 +391,45 @@ class _Error:
         z[1:] = dormqr("L", "T", turns[1:, :-1], tau, z[1:], lwork=_WORK * z.shape[1])[0]
         return cls(diagonal, beside, z, rest, inner, gain)
 
-    def likely(self, sizes: Array, part: _Part) -> Array:
-        """Return the log-likelihoods, but for a constant, for each size: alone and beside the names, (2, s)."""
-        factors = [dpttrf(1 + a * self.diagonal, a * self.beside)[:2] for a in sizes**2]
-        widths = np.array([np.log(one).sum() for one, _ in factors])
-        along = np.stack([self.z.T @ dpttrs(*one, self.z)[0] for one in factors])
-        if self.inner:
-            along *= -(sizes**2)[:, None, None]
-        left = (self.rest + along) * (part.gain / self.gain) ** 2
-        names = np.eye(len(self.rest) - 1) + left[:, 1:, 1:]
-        # the names are taken out as well
-        taken = np.linalg.solve(names, left[:, 1:, :1])
-        left = np.stack([left[:, 0, 0], left[:, 0, 0] - (left[:, :1, 1:] @ taken)[:, 0, 0]])
-        widths = np.stack([widths, widths + np.linalg.slogdet(names)[1]])
-        left = np.maximum(left, _TINY)
-        noise = np.maximum(part.least, left / part.degrees)
-        return np.asarray(-0.5 * (part.degrees * np.log(noise) + left / noise + widths))
+
+def _likely(errors: Sequence[_Error], sizes: Array, part: _Part) -> Array:
+    """Return the log-likelihoods, but for a constant, of each error and size: alone and beside the names, (e, 2, s).
+
+    All matrices are factored row by row at once, the longest first, so that those that have ended stand behind.
+    """
+    order = sorted(range(len(errors)), key=lambda j: -len(errors[j].diagonal))
+    lengths = np.array([len(errors[j].diagonal) for j in order])
+    squares, k = sizes**2, len(errors[0].rest)
+    diagonal, beside = np.zeros((2, lengths[0], len(errors), 1))
+    z = np.zeros((lengths[0], k, len(errors), 1))
+    for place, j in enumerate(order):
+        one, r = errors[j], lengths[place]
+        diagonal[:r, place, 0], beside[1:r, place, 0], z[:r, :, place, 0] = one.diagonal, one.beside, one.z
+    widths, along = np.zeros((len(errors), len(sizes))), np.zeros((k, k, len(errors), len(sizes)))
+    pivots, moved = np.ones_like(widths), np.zeros_like(along[0])
+    for i in range(lengths[0]):
+        open_to = slice(np.count_nonzero(lengths > i))
+        tied = squares * beside[i, open_to]
+        share = tied / pivots[open_to]
+        pivots = 1 + squares * diagonal[i, open_to] - share * tied
+        moved = z[i][:, open_to] - share * moved[:, open_to]
+        widths[open_to] += np.log(pivots)
+        along[:, :, open_to] += moved[:, None] * (moved / pivots)
+    inner = np.array([errors[j].inner for j in order])[:, None]
+    rest = np.stack([errors[j].rest for j in order], axis=-1)[..., None]
+    gains = np.array([part.gain / errors[j].gain for j in order])[:, None]
+    left = (rest + np.where(inner, -squares, 1.0) * along) * gains**2
+    both = [(left[0, 0].copy(), widths)]
+    for j in range(k - 1, 0, -1):  # the names are taken out as well
+        names = left[j, j] + 1
+        widths = widths + np.log(names)
+        left[:j, :j] -= left[:j, j, None] * (left[j, :j] / names)
+    found = np.empty((len(errors), 2, len(sizes)))
+    for place, (alone, wide) in enumerate([*both, (left[0, 0], widths)]):
+        alone = np.maximum(alone, _TINY)
+        noise = np.maximum(part.least, alone / part.degrees)
+        found[order, place] = -0.5 * (part.degrees * np.log(noise) + alone / noise + wide)
+    return found
 
 
 def _alike(one: Array, other: Array) -> bool:

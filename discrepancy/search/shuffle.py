@@ -37,6 +37,7 @@ _FEWEST = 6  # visits that can change places with others: with fewer a shuffle i
 _REVISITED = 0.5  # part of the visits, from which on poses count as visited again
 _NUMBERS = 3  # coefficients of an effect, up to which its whole family is shuffled
 _FULL = 1e-12  # of the square of a unit column
+_AT_ONCE = 10  # shuffles
 
 
 def order_of(effect: Effect, formulation: Formulation) -> tuple[str, tuple[str, ...]]:
@@ -83,11 +84,13 @@ def shuffled(at: Fit, effect: Effect, beside: Effect, family: Sequence[Effect]) 
         moved = effect.basis(at.at.recorded, _moved(data, columns, source), zero)
         each = all(np.allclose(np.asarray(kept[name])[source], moved[name]) for name in kept)
     rivals = [e for e in family if len(e.coefficients) <= _NUMBERS and order_of(e, formulation)[1]] if each else []
-    gains = _Sums(at, on, [effect, *rivals]).gains if each else partial(_gain_of_one, at, on, effect, columns)
-    own, more, times = gains(np.arange(len(data)))[0], 0, 0
-    for _ in range(t.shuffles):
+    gains = _Sums(at, on, [effect, *rivals]).gains if each else partial(_gains_of_one, at, on, effect, columns)
+    sources = np.stack([np.arange(len(data)), *(classes.draw(rng) for _ in range(t.shuffles))])
+    blocks = np.array_split(sources, range(1, len(sources), _AT_ONCE if each else 1))
+    own, more, times = gains(blocks[0])[0, 0], 0, 0
+    for found in (one for block in blocks[1:] for one in gains(block)):
         times += 1
-        more += bool(np.max(gains(classes.draw(rng))) >= own)
+        more += bool(np.max(found) >= own)
         if (more + 1) / (t.shuffles + 1) > t.shuffled_p:
             break  # more of them change nothing
     return Shuffled(word, more, times, (more + 1) / (times + 1))
@@ -102,22 +105,24 @@ class _Classes:
     of: Rows
 
     @cached_property
-    def _square(self) -> Rows | None:
-        """Return the rows of all visits, (v, m), where each has as many; else None."""
-        return np.stack(self.rows) if len({len(own) for own in self.rows}) == 1 else None
+    def _places(self) -> tuple[Rows, Rows, Rows, Rows]:
+        """Return the rows of all visits, of each the last again and again, (v, m), and of a row its visit and place.
+
+        The last are the visits by their class.
+        """
+        lengths = np.array([*map(len, self.rows)])
+        place = np.minimum(np.arange(lengths.max()), lengths[:, None] - 1)
+        filled = np.concatenate(self.rows)[np.cumsum([0, *lengths[:-1]])[:, None] + place]
+        visit, within = np.empty((2, lengths.sum()), dtype=int)
+        visit[filled], within[filled] = np.arange(len(lengths))[:, None], place
+        return filled, visit, within, np.argsort(self.of, kind="stable")
 
     def draw(self, rng: np.random.Generator) -> Rows:
         """Return for each row the row whose order it gets, (n,)."""
-        mixed = np.lexsort((rng.random(len(self.of)), self.of))
-        place = np.argsort(self.of, kind="stable")
-        source = np.empty(sum(map(len, self.rows)), dtype=int)
-        if self._square is not None:
-            source[self._square[place]] = self._square[mixed]
-            return source
-        for to, by in zip(place, mixed):
-            own, other = self.rows[to], self.rows[by]
-            source[own] = other[np.minimum(np.arange(len(own)), len(other) - 1)]
-        return source
+        filled, visit, within, place = self._places
+        other = np.empty(len(self.of), dtype=int)
+        other[place] = np.lexsort((rng.random(len(self.of)), self.of))
+        return np.asarray(filled[other[visit], within])
 
 
 def _alike(effect: Effect, formulation: Formulation) -> _Classes:
@@ -172,37 +177,36 @@ class _Sums:
             }
             self.groups.append((np.array(own), stacked, {name: pulls[name] for name in stacked}, pairs))
 
-    def gains(self, source: Rows) -> Array:
-        """Return the gain of each effect with its order taken from the rows `source`, (K,)."""
-        found = np.full(len(self.paid), -np.inf)
+    def gains(self, sources: Rows) -> Array:
+        """Return the gain of each effect with its order taken from the rows of each of `sources`, (s, n): (s, K)."""
+        found = np.full((len(sources), len(self.paid)), -np.inf)
         for own, changes, pulls, pairs in self.groups:
-            moved = {name: change[:, :, source] for name, change in changes.items()}
+            moved = {name: np.moveaxis(change[:, :, sources], 2, 0) for name, change in changes.items()}
             across = sum(change @ pulls[name] for name, change in moved.items())
-            square = sum((moved[one] * pair) @ moved[other].transpose(0, 2, 1) for (one, other), pair in pairs.items())
-            size = np.sqrt(np.diagonal(square, axis1=1, axis2=2))
+            square = sum((moved[one] * pair) @ moved[other].swapaxes(2, 3) for (one, other), pair in pairs.items())
+            size = np.sqrt(np.diagonal(square, axis1=2, axis2=3))
             size = np.where(size > 0, size, 1.0)
-            b, absorbed = across[:, :, -1] / size, across[:, :, :-1] / size[:, :, None]
-            left = square / size[:, :, None] / size[:, None, :] - absorbed @ absorbed.transpose(0, 2, 1)
+            b, absorbed = across[..., -1] / size, across[..., :-1] / size[..., None]
+            left = square / size[..., None] / size[..., None, :] - absorbed @ absorbed.swapaxes(2, 3)
             values, vectors = np.linalg.eigh(left)
             kept = values > max(thresholds().visible ** 2, _FULL)
-            along = np.einsum("kij,ki->kj", vectors, b) ** 2
-            T = np.where(kept, along / np.where(kept, values, 1.0), 0.0).sum(axis=1)
-            for k, explained, rank in zip(own, T, kept.sum(axis=1)):
-                more = (rank - 1) * float(np.log(len(self.on.y)))
-                found[k] = self.on.gain(float(explained), int(rank)) - self.paid[k] - more if rank else -np.inf
+            along = np.einsum("skij,ski->skj", vectors, b) ** 2
+            T, rank = np.where(kept, along / np.where(kept, values, 1.0), 0.0).sum(axis=2), kept.sum(axis=2)
+            gains = self.on.gains(T, rank) - self.paid[own] - (rank - 1) * np.log(len(self.on.y))
+            found[:, own] = np.where(rank > 0, gains, -np.inf)
         return found
 
 
-def _gain_of_one(at: Fit, on: score.ProjectedScores, effect: Effect, columns: Sequence[str], source: Rows) -> Array:
-    """Return the linear gain of an effect of any kind with its `columns` taken from the rows `source`, (1,)."""
+def _gains_of_one(at: Fit, on: score.ProjectedScores, effect: Effect, columns: Sequence[str], sources: Rows) -> Array:
+    """Return the linear gain, (1, 1), of an effect of any kind with its `columns` taken from the one of `sources`."""
     zero = np.zeros(len(effect.coefficients))
     other = LinearEffect(
         effect.family, effect.target, effect.formula, effect.channel, columns=effect.columns,
         coefficients=effect.coefficients, units=effect.units, unit=effect.unit,
-        changes=lambda q, data: effect.basis(q, _moved(data, columns, source), zero), measure=effect.amplitude,
+        changes=lambda q, data: effect.basis(q, _moved(data, columns, sources[0]), zero), measure=effect.amplitude,
     )  # fmt: skip
     [(found, _)] = score.score_all(at, on, [other])
-    return np.array([on.gain(found.T, found.m) - penalty(effect, found.m, len(on.y)) if found.m else -np.inf])
+    return np.array([[on.gain(found.T, found.m) - penalty(effect, found.m, len(on.y)) if found.m else -np.inf]])
 
 
 def controls(at: Fit, sets: Sequence[Sequence[Effect]], candidates: Sequence[Effect]) -> list[Mapping[str, Shuffled]]:

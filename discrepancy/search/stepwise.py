@@ -148,7 +148,7 @@ def select_stepwise(
             break  # after the exchange one of them explains nothing beside the others
         picked = after
 
-    picked = _needed(_settled(picked, ground, candidates, kept), base, ground)
+    picked = _needed(_settled(picked, ground, candidates, kept, first), base, ground)
     return Selection(
         fit=picked.fit, alone=fit_with(base, picked.effects) if forms else picked.fit, sets=picked.sets, forms=forms,
         first=first, last=tests, p=first_p, alarm=first_p < level, left=p,
@@ -235,12 +235,12 @@ def exchange(
     return Picked(fit_with(base, chosen), tuple(sets))
 
 
-def _settled(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept) -> Picked:
+def _settled(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept, tests: Tests) -> Picked:
     """Return the picks after a last exchange, of pairs and then of single ones, without those that explain nothing."""
     if not picked.sets or len(base.r) >= thresholds().drawn_rows:
         return picked
     if len(picked.sets) == 1:
-        return _in_place_of_one(picked, base, candidates, kept)
+        return _in_place_of_one(picked, base, candidates, kept, tests)
     at, own = picked.fit, picked.effects
     gains = {s[0].name: s[0].gain for s in picked.sets}
     pairs = combinations([e for e in own if name_of(e) not in kept], 2)
@@ -279,8 +279,12 @@ def _settled(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept
         effects = [s[0].effect for s in after.sets if s is not worst]
 
 
-def _in_place_of_one(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept) -> Picked:
+def _in_place_of_one(
+    picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept, first: Tests
+) -> Picked:  # fmt: skip
     """Return two other names instead of the only pick, which may represent their sum; else the pick.
+
+    `first` are the tests of the model without effects.
 
     Two names absorb the error of an inexact formula more easily than one, so they must explain more than that error,
     each something beside the other, and predict left-out poses better; of a handful of readings nothing tells that.
@@ -288,9 +292,12 @@ def _in_place_of_one(picked: Picked, base: Fit, candidates: Sequence[Effect], ke
     one, t = picked.sets[0][0], thresholds()
     if one.name in kept or not len(one.fit.r) or base.degrees <= t.few_degrees:
         return picked
-    on = score.projected_scores(base)
-    scored = [(s, U) for s, U in score.score_all(base, on, still_open(candidates, {one.name}), bases=True) if s.m]
-    pair, gain = _best_pair(scored, on)
+    on, others = first.on, still_open(candidates, {one.name})
+    known = {id(s.effect): s for s in first.names}
+    late = [e for e in others if id(e) not in known]
+    known |= {id(s.effect): s for s, _ in score.score_all(base, on, late)}
+    best = select.best_of_each([known[id(e)] for e in others if known[id(e)].m], on)[: t.pair_names]
+    pair, gain = _best_pair(score.score_all(base, on, [s.effect for s in best], bases=True), on)
     least = one.gain + t.further_gain + t.formula_error * energy_of(one)
     if gain <= least:
         return picked

@@ -17,7 +17,7 @@ import pytest
 from scipy.io import savemat
 
 from calibench.bench.cli import main
-from calibench.bench.measured import files as matlab_table, read_measured, shipped_path, write_measured
+from calibench.bench.measured import read_measured, shipped_path, write_measured
 from calibench.core.tables import csv_table, data_file
 from calibench.discrepancy import DataError
 
@@ -182,7 +182,7 @@ def cells(deep):
     ],
 )
 def test_what_matlab_packed_is_looked_at_before_it_is_read(inside, said, tmp_path, monkeypatch):
-    monkeypatch.setattr(matlab_table, "loadmat", None)
+    monkeypatch.setattr("scipy.io.loadmat", None)
     squeezed = zlib.compress(inside(), level=1)
     path = tmp_path / "run.mat"
     path.write_bytes(b"MATLAB 5.0".ljust(124) + b"\0\1IM" + struct.pack("<II", 15, len(squeezed)) + squeezed)

@@ -88,6 +88,12 @@ def test_a_calibration_knows_no_machine_of_another_kind(tmp_path):
     assert "scipy.stats" not in names  # a third of a second
 
 
+def test_a_search_loads_no_verb_and_no_format_that_it_does_not_use():
+    code = "import calibench.bench.commands.discover, sys; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
+    assert not {"calibench.bench.calibration", "scipy.io", "matplotlib.pyplot"} & {*done.stdout.split()}
+
+
 @pytest.fixture(scope="module")
 def kernels_are_kept(tmp_path_factory):
     """Compile what the runs here need: a process that compiles loads the compiler."""

@@ -1,6 +1,7 @@
 """A name is a claim: what errs on its part beside it, and waves that one set shows, are told with it."""
 
 import ast
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 
 from calibench.discrepancy.report import Doubt
-from calibench.discrepancy.search.guard import _Error, _factor
+from calibench.discrepancy.search.guard import _Error, _factor, _likely
 from tests.foreign import causes, machines
 from tests.foreign.run import case, in_a_set, plainly, told
+
+pytestmark = pytest.mark.usefixtures("at_one_noise", "without_formula")
 
 
 @pytest.mark.parametrize(("seed", "machine"), [(918001, "gpm2002"), (918103, "arm")])
@@ -113,23 +116,25 @@ def test_a_cause_in_a_form_of_its_own_keeps_its_name_without_a_caution(machine: 
     assert not any(f["caution"] for f in said["findings"] if f["family"] == cause)
 
 
-@pytest.mark.parametrize("functions", [3, 12])  # fewer and more than the columns that rounding leaves
-def test_a_smooth_error_is_as_likely_as_by_the_whole_covariance(functions: int) -> None:
+def test_smooth_errors_are_as_likely_together_as_each_by_the_whole_covariance() -> None:
     rng = np.random.default_rng(2)
     y, names = 3 * rng.standard_normal(40), rng.standard_normal((40, 2))
-    A = rng.standard_normal((40, 8)) @ rng.standard_normal((8, functions))
-    variances, given = rng.uniform(0.1, 1, functions), np.column_stack([y, names])
-    one = _Error.of(*_factor(A.T @ A, A.T @ given), given.T @ given, variances, 1.0)
+    given, errors, covariances = np.column_stack([y, names]), [], []
+    for functions in (3, 1, 12):  # fewer and more than the columns that rounding leaves
+        A = rng.standard_normal((40, 8)) @ rng.standard_normal((8, functions))
+        variances = rng.uniform(0.1, 1, functions)
+        errors.append(_Error.of(*_factor(A.T @ A, A.T @ given), given.T @ given, variances, 1.0))
+        covariances.append((A * variances) @ A.T)
     for gain in (1.0, 0.5):  # of the noise, when the same error is asked for again
         part: Any = SimpleNamespace(gain=gain, degrees=40, least=1.0)
-        likely = one.likely(np.array([0.0, 0.3, 5.0]), part)
-        for k, size in enumerate((0.0, 0.3, 5.0)):
+        likely = _likely(errors, np.array([0.0, 0.3, 5.0]), part)
+        for (j, own), (k, size) in product(enumerate(covariances), enumerate((0.0, 0.3, 5.0))):
             for row, beside in enumerate((0 * names, gain * names)):
-                V = np.eye(40) + size**2 * (A * variances) @ A.T + beside @ beside.T
+                V = np.eye(40) + size**2 * own + beside @ beside.T
                 left = gain**2 * float(y @ np.linalg.solve(V, y))
                 noise = max(1.0, left / 40)
                 exact = -0.5 * (40 * np.log(noise) + left / noise + np.linalg.slogdet(V)[1])
-                assert likely[row, k] == pytest.approx(exact, rel=1e-9)
+                assert likely[j, row, k] == pytest.approx(exact, rel=1e-9)
 
 
 def test_the_foreign_machines_share_nothing_with_the_package() -> None:

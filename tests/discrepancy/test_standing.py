@@ -17,13 +17,13 @@ from calibench.discrepancy.registries import machines
 from calibench.discrepancy.report import Shuffled
 from calibench.discrepancy.search import stepwise
 from calibench.discrepancy.search.select import Option, fit_with, run_tests
-from calibench.discrepancy.search.shuffle import shuffled
+from calibench.discrepancy.search.shuffle import _Classes, shuffled
 from calibench.discrepancy.search.standing import left_scale
 from calibench.problems.base import Array
 from tests.discrepancy.empty_runs import empty_run
 from tests.discrepancy.test_general_families import Arm, readings
 
-pytestmark = pytest.mark.usefixtures("at_one_noise")
+pytestmark = pytest.mark.usefixtures("at_one_noise", "without_formula")
 
 Columns = dict[str, Array]
 
@@ -102,6 +102,19 @@ def test_the_control_loses_a_name_with_its_order_and_not_without(name: str, colu
         control = shuffled(at, effect, effect, [e for e in known if e.family == effect.family])
         assert control is not None
         assert (control.p > 0.05) == loses
+
+
+def test_a_shuffle_exchanges_whole_visits_of_one_class() -> None:
+    visits = [np.array(rows) for rows in ([4, 5], [0, 1, 2], [3], [6, 7, 8, 9])]  # each in the order of reading
+    kinds = np.array([1, 0, 0, 1])
+    for seed in range(20):
+        source = _Classes(tuple(visits), kinds).draw(np.random.default_rng(seed))
+        taken = [next(k for k, own in enumerate(visits) if source[to[0]] in own) for to in visits]
+        assert sorted(taken) == [0, 1, 2, 3]
+        assert (kinds[taken] == kinds).all()
+        for to, by in zip(visits, taken):  # where the other visit is shorter, its last reading again
+            other = visits[by]
+            assert (source[to] == other[np.minimum(np.arange(len(to)), len(other) - 1)]).all()
 
 
 def test_a_rival_in_the_place_of_a_refused_name_is_not_named_twice(monkeypatch: pytest.MonkeyPatch) -> None:
