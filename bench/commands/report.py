@@ -51,7 +51,7 @@ def report(argv: list[str]) -> int:
                 print(f"{title}: {finding}")
     sys.stdout.write(printed.getvalue())
     _print_paths(written)
-    if not damaged and not store.manifest().get("files"):  # of classes of one's own the page may tell more, or less
+    if not damaged and not finished.manifest.get("files"):  # of classes of one's own the page may tell more, or less
         replace(Kept.read(store.folder), text=printed.getvalue()).write(store.folder)
     return tell_damaged(damaged, "`bench collect` sets it aside; it is not in the report")
 

@@ -40,6 +40,7 @@ LEVEL = 0.95
 FEWEST = 3  # units; of fewer nothing can be said
 _SEED = (2008, 0x455254)
 _AT_ONCE = 1_000_000  # numbers, of units or resamples against targets: eight megabytes
+_BLOCK = 250_000  # numbers, of resamples against units
 _BOUNDED = 1e6  # times ERT: an upper end beyond this means that the runs are too few for a bound
 _ENOUGH = 5  # instances: from so many on, instances are resampled instead of runs
 _CELL = [*CELL[:-1], "target_value"]  # the run's own target, beside the target that is looked at
@@ -84,6 +85,12 @@ class Runtimes:
     def paid(self) -> Array:
         """Return what was spent until each target was reached, or in vain."""
         return np.where(self.charged >= 0, self.charged, np.where(self.asked, self.spent[:, None], 0.0))
+
+    @property
+    def least(self) -> Array:
+        """Return the same, where each target was reached right after it surely was not."""
+        early = np.where(self.after >= 0, self.after + 1.0, np.inf)
+        return np.where(self.charged >= 0, early, self.paid)
 
     def of(self, rows: Counts | Flags, columns: Counts | Flags) -> Runtimes:
         """Return these of the runs, and against some of the targets."""
@@ -255,7 +262,9 @@ def ert(
     if first is None:
         return pd.DataFrame(columns=[*_CELL, *swept, "dimension", *TARGET, *_NUMBERS])
     rows, levels = first.all_runs, first.all_targets
-    column = _sums(rows, chain([first], whole), intervals)
+    whole = chain([first], whole)
+    del first  # of 1e5 runs 10 MB
+    column = _sums(rows, whole, intervals)
     reached, counted, spent, chance = (column[name] for name in ("reached", "runs", "spent", "chance"))
     low, high = success_intervals(reached, counted)
     never, one = reached == 0, np.maximum(reached, 1)
@@ -300,23 +309,24 @@ def _sums(runs: pd.DataFrame, whole: Iterable[Runtimes], intervals: bool) -> dic
         for rows in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
             columns, where = _different_columns(one.charged[rows], one.after[rows])
             mine, starts = one.of(rows, columns), np.flatnonzero(np.diff(instance[rows], prepend=-1))
-            won, paid, first = np.isfinite(mine.time), mine.paid, one.at[rows[0]]
+            won, paid, first = mine.charged >= 0, mine.paid, one.at[rows[0]]
             chance, by_instance = bool(chances_of[number[first]]), len(starts) >= _ENOUGH
-            early = np.where(mine.after >= 0, mine.after + 1.0, np.inf)
             of_cell = {
                 "run": first, "level": one.level, "size": len(rows), "chance": chance,
-                "spent": paid.sum(axis=0)[where], "least": np.where(won, early, paid).sum(axis=0)[where],
+                "spent": paid.sum(axis=0)[where], "least": mine.least.sum(axis=0)[where],
                 "reached": won.sum(axis=0)[where], "runs": mine.asked.sum(axis=0)[where],
                 "resampled": "instances" if by_instance else "runs",
             }  # fmt: skip
             for name, values in of_cell.items():
                 parts[name].append(np.broadcast_to(values, len(where)))
             if chance and intervals:
-                starts = starts if by_instance else np.arange(len(rows))
-                some = units.setdefault(len(starts), [])
-                some.append((begin, where, np.add.reduceat(paid, starts), np.add.reduceat(won.astype(float), starts)))
-                if len(some) * len(columns) * max(len(starts), RESAMPLES) > _AT_ONCE:
-                    ends.append(_ends(units.pop(len(starts))))
+                sums = paid, won.astype(float)
+                if by_instance:
+                    sums = np.add.reduceat(sums[0], starts), np.add.reduceat(sums[1], starts)
+                some = units.setdefault(len(sums[0]), [])
+                some.append((begin, where, *sums))
+                if len(some) * len(columns) * max(len(sums[0]), RESAMPLES) > _AT_ONCE:
+                    ends.append(_ends(units.pop(len(sums[0]))))
             begin += len(where)
     column = {name: np.concatenate(values) for name, values in parts.items()}
     low, high = np.full((2, begin), np.nan)
@@ -335,7 +345,8 @@ def _ends(alike: Sequence[_Units]) -> tuple[Counts, Array, Array]:
     place = np.concatenate([begin + np.arange(len(where)) for begin, where, *_ in alike])
     first = np.cumsum([0, *(paid.shape[1] for *_, paid, _ in alike)])
     where = np.concatenate([k + unit[1] for k, unit in zip(first.tolist(), alike)])
-    low, high = ert_interval(*(np.concatenate([unit[k] for unit in alike], axis=1) for k in (2, 3)))
+    paid, won = alike[0][2:] if len(alike) == 1 else (np.hstack([unit[k] for unit in alike]) for k in (2, 3))
+    low, high = ert_interval(paid, won)
     return place, low[where], high[where]
 
 
@@ -415,7 +426,7 @@ def ert_interval(paid: Array, won: Array) -> tuple[Array, Array]:
     if units < FEWEST or not len(some):
         return low, high
     columns, where = _different_columns(paid[:, some], won[:, some])
-    p, w = paid[:, some[columns]], won[:, some[columns]].astype(float)
+    p, w = paid[:, some[columns]], np.asarray(won[:, some[columns]], dtype=float)
     products = p, w, p**2, p * w, w**2
     ratio, error = _log_ratio(np.ones((1, units)), products)
     ratios, errors = np.empty((2, RESAMPLES, len(columns)))
@@ -472,7 +483,7 @@ def weights(units: int) -> NDArray[np.uint8]:
 
 def in_blocks(units: int) -> Iterator[slice]:
     """Yield the resamples in blocks: as numbers, those of 25 000 units would take 200 MB at once."""
-    size = max(8, _AT_ONCE // units // 8 * 8)  # in eights, so that none is summed in another order
+    size = max(8, _BLOCK // units // 8 * 8)  # in eights, so that none is summed in another order
     for begin in range(0, RESAMPLES, size):
         yield slice(begin, min(begin + size, RESAMPLES))
 

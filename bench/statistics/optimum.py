@@ -8,7 +8,8 @@ are noisy, the value itself is drawn.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import TYPE_CHECKING, Any, final
 
@@ -17,7 +18,7 @@ import numpy as np
 from calibench.bench.execution.request import is_stochastic, minimum_of, unit_of
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.summary import SAME, lowest_below
-from calibench.bench.statistics.tables import problem_of
+from calibench.bench.statistics.tables import once, problem_of
 from calibench.bench.store.columns import Array
 
 if TYPE_CHECKING:
@@ -121,32 +122,55 @@ class Optimum:
         )
 
 
+@final
+@dataclass(frozen=True)
+class Told:
+    """What a problem tells of its values; `ends`: those at its truth and start, where the first may be a floor."""
+
+    unit: str
+    minimum: float | None
+    noisy: bool
+    ends: tuple[float, float] | None = None
+
+
+def told_of(name: str, options: str) -> Told | None:
+    """Return what a problem tells, asked once; None of a user's that is not here any more: the rows must suffice."""
+    row = {"problem": name, "problem_options": options}
+
+    def ask() -> Told | None:
+        try:
+            problem = problem_of(row, "the rounding floor in its figure, where it has a truth")
+        except ValueError:
+            return None
+        told = Told(unit_of(problem), minimum_of(problem), is_stochastic(problem))
+        truth = None if told.minimum or told.noisy else getattr(problem, "truth", None)
+        if truth is not None:
+            with suppress(Exception):  # a user's code has failed: the figure has no such line
+                ends = float(problem(np.array(truth))), float(problem(np.array(problem.start)))
+                return replace(told, ends=ends)
+        return told
+
+    found: Told | None = once(("told", name, options), ask)
+    return found
+
+
 def optimum_of(runs: pd.DataFrame) -> Optimum:
     """Return the `Optimum` of `runs`, all of one problem with its options."""
-    row = {name: runs[name].iloc[0] for name in PROBLEM[:2]}
-    try:
-        problem = problem_of(row, "the rounding floor in its figure, where it has a truth")
-    except ValueError:  # a user's problem that is not here any more: the rows must suffice
-        problem = None
+    name, options = (str(runs[column].iloc[0]) for column in PROBLEM[:2])
+    told = told_of(name, options)
     unit, minimum = _of_rows(runs, "unit"), _of_rows(runs, "minimum")
-    if problem is not None:
-        unit = unit_of(problem) if unit is None else unit
-        minimum = minimum_of(problem) if minimum is None else minimum
-    noisy = _of_rows(runs, "judged_evaluations") is not None or (problem is not None and is_stochastic(problem))
+    noisy = _of_rows(runs, "judged_evaluations") is not None
+    if told is not None:
+        unit = told.unit if unit is None else unit
+        minimum = told.minimum if minimum is None else minimum
+        noisy = noisy or told.noisy
 
     floor = rounding = None
-    truth = None if minimum or noisy else getattr(problem, "truth", None)
-    if truth is not None:
-        try:
-            floor, first = float(problem(np.array(truth))), float(problem(np.array(problem.start)))
-        except Exception:  # a user's code has failed: the figure has no such line
-            floor = None
-        if floor is not None and not isfinite(floor):
-            floor = None
-        if floor is not None and 0 <= floor <= _ROUNDING * first:
-            rounding = _ROUNDING * first
+    if told is not None and told.ends is not None and not minimum and not noisy and isfinite(told.ends[0]):
+        floor, first = told.ends
+        rounding = _ROUNDING * first if 0 <= floor <= _ROUNDING * first else None
     return Optimum(
-        symbol=str(json.loads(row["problem_options"]).get("error", "")) or "f",
+        symbol=str(json.loads(options).get("error", "")) or "f",
         unit="" if unit is None else str(unit),
         minimum=None if minimum is None else float(minimum),
         floor=floor,

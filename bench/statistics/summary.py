@@ -342,9 +342,9 @@ def goals_of(runs: Columns) -> Array:
 
 def goal_hits(runs: Columns) -> Array:
     """Return the charged evaluations at which each run reached its goal; NaN: never, or it failed. Shape (runs,)."""
-    levels, hits = lists_of(runs["targets"]), lists_of(runs["hits_charged"])
-    charged = np.full(len(levels.count), np.nan)
-    at_goal = np.flatnonzero(levels.flat == np.repeat(goals_of(runs), levels.count))
+    levels, hits, target = lists_of(runs["targets"]), lists_of(runs["hits_charged"]), floats(runs["target"])
+    charged, goals = np.full(len(levels.count), np.nan), np.where(np.isnan(target), levels.last, target)
+    at_goal = np.flatnonzero(levels.flat == np.repeat(goals, levels.count))
     rows, first = np.unique(levels.row[at_goal], return_index=True)
     place = at_goal[first] - levels.begins[rows]
     charged[rows] = hits.flat[hits.begins[rows] + place]

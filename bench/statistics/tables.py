@@ -20,19 +20,31 @@ from calibench.core.registry import NotImported, names_of_files
 from calibench.problems.base import Parameter, parameters_of
 
 PrintedValues = Callable[[str, Any], Mapping[str, float]]  # of a problem's name and the problem: parameter -> value
+MADE = "made"  # the first word of the key under which `once` keeps a problem itself
 OF_THE_DATA = "what its data can tell and standard errors, where it has a Jacobian"
 
-_MADE: ContextVar[dict[tuple[str, str], Any] | None] = ContextVar("_MADE", default=None)
+_KNOWN: ContextVar[dict[tuple[str, ...], Any] | None] = ContextVar("_KNOWN", default=None)
 
 
 @contextmanager
-def problems_made_once() -> Iterator[None]:
-    """Let `problem_of`, within the context, make each problem once: a report asks five times for each."""
-    token = _MADE.set({})
+def problems_made_once() -> Iterator[dict[tuple[str, ...], Any]]:
+    """Let `once`, within the context, ask once for what is told of a problem; yield all that it knows by then."""
+    known: dict[tuple[str, ...], Any] = {}
+    token = _KNOWN.set(known)
     try:
-        yield
+        yield known
     finally:
-        _MADE.reset(token)
+        _KNOWN.reset(token)
+
+
+def once(key: tuple[str, ...], make: Callable[[], Any]) -> Any:
+    """Return what ``make()`` returns, within `problems_made_once` what it returned first for this key."""
+    known = _KNOWN.get()
+    if known is None:
+        return make()
+    if key not in known:
+        known[key] = make()
+    return known[key]
 
 
 def problem_of(row: Mapping[str, Any] | pd.Series, leaves_out: str = OF_THE_DATA) -> Any:
@@ -41,23 +53,20 @@ def problem_of(row: Mapping[str, Any] | pd.Series, leaves_out: str = OF_THE_DATA
     Raises `ValueError` where it cannot be built here: its class is somebody's own, or a file that it reads is
     elsewhere.
     """
-    key = (row["problem"], row["problem_options"])
-    made = _MADE.get()
-    if made is not None and key in made:
-        return made[key]
+    name, options = row["problem"], row["problem_options"]
     try:
         with names_of_files(leaves_out=leaves_out):
-            problem = problems.make(key[0], **given_options(problems.registry, key[0], json.loads(key[1])))
+            return once(
+                (MADE, name, options),
+                lambda: problems.make(name, **given_options(problems.registry, name, json.loads(options))),
+            )
     except NotImported:
         raise
     except (Exception, SystemExit) as error:  # a class of somebody's own may raise anything
-        raise ValueError(f"problem {key[0]} cannot be built here: {type(error).__name__}: {error}") from error
-    if made is not None:
-        made[key] = problem
-    return problem
+        raise ValueError(f"problem {name} cannot be built here: {type(error).__name__}: {error}") from error
 
 
-_OF_PARAMETERS = ("parameter_names", "parameter_units", "parameter_starts", "parameter_truths")
+OF_PARAMETERS = ("parameter_names", "parameter_units", "parameter_starts", "parameter_truths")
 
 
 def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = lambda name, problem: {}) -> pd.DataFrame:
@@ -68,7 +77,7 @@ def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = lambda name, 
     """
     rows = []
     known: dict[tuple[str, str], tuple[Sequence[Parameter], Mapping[str, float]]] = {}
-    columns = [*CELL, "parameter_values", *(name for name in _OF_PARAMETERS if name in runs)]
+    columns = [*CELL, "parameter_values", *(name for name in OF_PARAMETERS if name in runs)]
     answered = runs[columns][runs["parameter_values"].notna()]
     cells = by_cell(answered)
     keys = answered.iloc[cells.first][CELL].itertuples(index=False)
@@ -110,7 +119,7 @@ def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = lambda name, 
 
 def parameters_in(row: Mapping[str, Any] | pd.Series) -> tuple[Parameter, ...]:
     """Return the parameters that a row tells of: those that its problem declares."""
-    columns = [row.get(name) for name in _OF_PARAMETERS]
+    columns = [row.get(name) for name in OF_PARAMETERS]
     if any(not isinstance(column, Iterable) for column in columns):  # of a problem without parameters
         return ()
     return tuple(

@@ -84,6 +84,11 @@ def numbers(column: pa.Array | pa.ChunkedArray, missing: float = 0) -> NDArray[A
     return np.from_dlpack(array)
 
 
+def give_back() -> None:
+    """Give the system what is free of the heap: of tables that were read and cut it is tens of megabytes."""
+    pa.default_memory_pool().release_unused()
+
+
 def empty_table(schema: pa.Schema) -> pa.Table:
     """Return a table without rows."""
     return pa.Table.from_arrays([pa.nulls(0, field.type) for field in schema], schema=schema)
@@ -148,10 +153,14 @@ class Lists:
     """Lists one after the other: `flat` and `row`, shapes (numbers,); `begins`, `count` and `last`, shapes (lists,)."""
 
     flat: Array  # NaN for null
-    row: Counts  # the list that each number is of
     begins: Counts
     count: Counts
     last: Array  # number of each list, NaN of an empty one
+
+    @property
+    def row(self) -> Counts:
+        """Return the list that each number is of."""
+        return np.repeat(np.arange(len(self.count)), self.count)
 
     def table(self, rows: Counts) -> Array:
         """Return the lists of `rows`, all of one length, shape (rows, numbers)."""
@@ -177,7 +186,7 @@ def lists_of(column: pd.Series | pa.ChunkedArray) -> Lists:
     flat = numbers(cast(compute("list_flatten", known), pa.float64()), np.nan)
     last, some = np.full(len(count), np.nan), count > 0
     last[some] = flat[(np.cumsum(count) - 1)[some]]
-    return Lists(flat, np.repeat(np.arange(len(count)), count), np.cumsum(count) - count, count, last)
+    return Lists(flat, np.cumsum(count) - count, count, last)
 
 
 _TYPES = {

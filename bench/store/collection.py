@@ -25,7 +25,7 @@ from calibench.bench.store.tables import ORDER, RUNS, TRACES, Tables, metadata, 
 
 _CHUNK = 4_000  # runs that are merged at a time
 _READ = 4 << 20  # bytes of lines that are read from JSON at a time
-_PIECE = 16 << 20  # bytes of a sorted piece
+_PIECE = 6 << 20  # bytes of a sorted piece
 PIECE = "piece-"  # names of their files begin so
 _BATCH = 500  # runs of a piece that are read from its file at a time
 

@@ -186,7 +186,7 @@ class ResultStore:
         asked = None if columns is None else list(columns)
         read = [*asked, *(name for name in OF_OPTIONS if name not in asked)] if asked is not None and options else asked
         found = arrays.to_pandas(self.rows(read))
-        pa.default_memory_pool().release_unused()
+        arrays.give_back()
         found = offered(found) if columns is None else found
         found.attrs[FOLDER_OF] = str(self.folder.resolve())
         if not options:
@@ -198,7 +198,7 @@ class ResultStore:
         """Return all finished runs as Arrow has them, texts perhaps as dictionaries: columns of `RUNS_SCHEMA`, or
         `columns`. No pandas is loaded."""
         found = arrays.joined([store._table(RUNS, columns, coded=True) for store in self._studies()])
-        pa.default_memory_pool().release_unused()  # what reading took beside: of 1e5 rows 70 MB
+        arrays.give_back()
         return found
 
     def traces(self) -> pd.DataFrame:
@@ -210,7 +210,7 @@ class ResultStore:
         read = ["run_id", "charged", "best_value"]
         parts = (store._table(TRACES, read, coded=True) for store in self._studies())
         found = arrays.to_pandas(arrays.joined([*parts]), category="run_id")
-        pa.default_memory_pool().release_unused()
+        arrays.give_back()
         return found
 
     def hits(self, levels: pd.DataFrame | None = None) -> pd.DataFrame:
@@ -462,7 +462,7 @@ class ResultStore:
                 reader.path.unlink()
         with suppress(OSError):  # somebody has begun another journal
             (self.folder / FOLDER).rmdir()
-        pa.default_memory_pool().release_unused()
+        arrays.give_back()
         return list(aside)
 
     def _studies(self) -> list[ResultStore]:

@@ -463,7 +463,7 @@ def _report(folder: Path, state: "State") -> str:
         finished = finished_runs(store)
         return StudyPage(
             folder=store.folder, runs=finished.runs, traces=finished.traces, summary=finished.summary,
-            hits=Hits.of(store.hits(levels_of(finished.runs))), manifest=store.manifest(),
+            hits=Hits.of(store.hits(levels_of(finished.runs))), manifest=finished.manifest,
         ).html()  # fmt: skip
 
 

@@ -25,6 +25,7 @@ from calibench.bench.report.study.figures import convergence_bands, spread_text
 from calibench.bench.statistics.cells import CELL
 from calibench.bench.statistics.names import options_seen
 from calibench.bench.statistics.summary import goal_hits, median_of_reached, problem_name
+from calibench.bench.statistics.tables import once
 from calibench.bench.store.arrays import lists_of
 from calibench.bench.store.runs import ResultStore
 from calibench.problems import constants
@@ -120,8 +121,9 @@ def runs_of(runs: pd.DataFrame, problem: str, options: Mapping[str, Any]) -> pd.
     have = {text: json.loads(text) for text in runs.loc[of_it, "problem_options"].unique()}
     if not have:  # as in most studies: no problem need be built
         return runs.iloc[:0]
-    wanted = json.loads(canonical(options_of(problems.make(problem, **options))))
-    fits = [text for text, held in have.items() if all(held.get(key, v) == v for key, v in wanted.items())]
+    chosen = canonical(options)
+    wanted = once(("options", problem, chosen), lambda: canonical(options_of(problems.make(problem, **options))))
+    fits = [text for text, held in have.items() if all(held.get(key, v) == v for key, v in json.loads(wanted).items())]
     return runs[of_it & runs["problem_options"].isin(fits)]
 
 

@@ -27,14 +27,14 @@ from calibench.bench.statistics.names import method_labels
 from calibench.bench.statistics.optimum import Optimum
 from calibench.bench.statistics.ranking import methods_in_order
 from calibench.bench.statistics.summary import QUARTILES, method_names, option_text, quantiles
-from calibench.bench.store.arrays import places
+from calibench.bench.store.arrays import give_back, places
 from calibench.bench.store.columns import parts
 
 Array = NDArray[np.float64]
 GOAL = "goal"  # the quantity of the one target that counts as success on a problem
 _CURVES, _SHARES, _TARGETS = 110_000, 160_000, 60_000  # numbers of all cells together; each takes some six letters
 _DIGITS = 4
-_AT_ONCE = 1_000_000  # values of runs at a time: eight megabytes
+_AT_ONCE = 250_000  # values of runs at a time: two megabytes
 _NEEDED = {
     "run_id", *CELL, "dimension", "problem_group", "repetition", "evaluations", "charged", "best_value", "judged_value",
     "judged_evaluations",
@@ -98,6 +98,7 @@ def explored(
         for cell, quartiles in bands(mine, traced, at).items():
             band = panels[i].optimum.above(np.where(np.isinf(quartiles), np.nan, quartiles))
             curves[cell] = [_row(band[k]) for k in ((1, 0, 2) if counts[cell] > 1 else (1,))]  # median, quartiles
+    give_back()
     goals = dict(zip(numbers["cell"].tolist(), numbers["goal"].tolist(), strict=True))
     quantities = reached_targets(runs, hits, goals, costs)
     methods = []  # what each is called, in tables too (``plain``), and all its options
@@ -247,8 +248,10 @@ def reached_targets(runs: pd.DataFrame, hits: Hits, goals: Mapping[int, float], 
         for quantity in dict.fromkeys(names.tolist()):
             whole = shares.setdefault(str(quantity), np.full((cells, len(costs)), np.nan))
             for cell in dict.fromkeys(cell_of.tolist()):
-                mine = np.sort(one.of(cell_of == cell, names == quantity).time.ravel())
-                whole[cell] = np.searchsorted(mine, costs, side="right") / len(mine)
+                charged = one.of(cell_of == cell, names == quantity).charged
+                at, count = np.unique(charged[charged >= 0], return_counts=True)
+                within = np.cumsum([0, *count])[np.searchsorted(at.astype(float), costs, side="right")]
+                whole[cell] = within / charged.size
     tables = []
     value = table[table["quantity"] == "value"]
     goal = value["cell"].map(goals).to_numpy(dtype=float)

@@ -23,7 +23,7 @@ from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, entit
 from calibench.bench.report.study.additions import Additions, Mark
 from calibench.bench.report.study.explored import bands, traces_of
 from calibench.bench.statistics import ranking, summary as stats, tables
-from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, TASK, by_cell
+from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, TASK, by_cell, parted
 from calibench.bench.statistics.fixed_target import Hits, ecdf, ert, performance_profile
 from calibench.bench.statistics.names import in_order, method_labels, problem_titles, settings_that_vary
 from calibench.bench.statistics.optimum import Optimum, optimum_of
@@ -100,8 +100,7 @@ def ranked_over_tasks(runs: pd.DataFrame) -> Ranked | None:
 
 def panels_of(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Return the runs by what shares a figure, by its title: a problem with all its options but the error function."""
-    titles = problem_titles(runs, but=("error",))
-    return {str(title): mine for title, mine in runs.groupby(titles, sort=False)}
+    return parted(runs, problem_titles(runs, but=("error",)))
 
 
 def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Drawing:
@@ -385,7 +384,7 @@ def ecdf_figures(runs: pd.DataFrame, hits: Hits, groups: pd.Series) -> Iterator[
     runs = runs[[name for name in _ECDF if name in runs]]
     total = len(runs[PROBLEM].drop_duplicates())
     yield "ecdf", f"Runtime ECDF, {counted(total, 'problem')}", partial(runtime_ecdf, runs, targets, "All problems")
-    parts = {str(name): mine for name, mine in runs.groupby(groups.to_numpy(), sort=False)}
+    parts = parted(runs, groups)
     if not 1 < len(parts) < total:
         return
     for name, mine in parts.items():

@@ -8,6 +8,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
+from operator import itemgetter
 from typing import Any, final
 
 import numpy as np
@@ -17,7 +18,7 @@ from calibench.bench.execution.answer import PREFIX, heading
 from calibench.bench.report.shared.page import Head, Macros, Table, macros
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary as stats
-from calibench.bench.statistics.cells import CELL, PROBLEM
+from calibench.bench.statistics.cells import CELL, PROBLEM, parted
 from calibench.bench.statistics.names import (
     method_labels,
     method_titles,
@@ -144,9 +145,7 @@ def prices(runs: Sequence[tuple[str, pd.DataFrame]], known: Mapping[tuple[Any, .
 
 def by_error(runs: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
     """Return (error function, its runs) in order; problems without one have ''."""
-    error = figures.errors_of(runs)
-    names = sorted(error.unique())
-    return [(name, runs[error == name] if len(names) > 1 else runs) for name in names]
+    return sorted(parted(runs, figures.errors_of(runs)).items(), key=itemgetter(0))
 
 
 def ranked(runs: pd.DataFrame, names: pd.Series, cells: pd.DataFrame | None = None) -> pd.DataFrame:

@@ -30,7 +30,7 @@ from calibench.bench.statistics.names import in_order, setting_text
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.statistics.ranking import Ranked
 from calibench.bench.statistics.summary import key_of_costs, priced
-from calibench.bench.store.arrays import HITS_SCHEMA, TRACES_SCHEMA
+from calibench.bench.store.arrays import HITS_SCHEMA, TRACES_SCHEMA, give_back
 from calibench.bench.store.columns import plain
 from calibench.bench.store.manifest import in_other_shards
 from calibench.core.registry import about
@@ -105,10 +105,12 @@ class StudyPage:
         links |= {"figures beside the runs": "#beside"} if beside else {}
         links |= {"failures": "#failures", "how to do it again": "#again", "where this comes from": "#provenance"}
         origin = html_tables.origin(runs)
+        numbers = as_json(explored(panels, self.traces, self.hits, cells, name))
+        give_back()
         page = partial(
             render, "report/study/templates/study.html.j2", title=name, policy=policy(), scripts=scripts(),
             licence=read_static("uPlot-LICENSE.txt").strip(),
-            numbers=as_json(explored(panels, self.traces, self.hits, cells, name)),
+            numbers=numbers,
             head=headline(
                 runs, self.manifest.get("planned", {}), others, self.about,
                 answer_of(runs, self.traces, self.manifest, names, cells),

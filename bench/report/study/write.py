@@ -5,30 +5,35 @@
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import final
+from typing import Any, final
 
+import numpy as np
 import pandas as pd
 
+from calibench import problems
 from calibench.bench.execution.answer import offered
+from calibench.bench.gate.processes import CAN_FORK, WorkerPool
 from calibench.bench.report.shared.drawing import Drawings
 from calibench.bench.report.shared.kept import Kept, State, code, files_named, state_of, state_of_file
 from calibench.bench.report.study import figures
-from calibench.bench.report.study.additions import Additions, FilledSection, printed_values
+from calibench.bench.report.study.additions import Additions, FilledSection, TableSection, printed_values
 from calibench.bench.report.study.explored import groups_of
 from calibench.bench.report.study.figures import ecdf_figures
 from calibench.bench.report.study.page import StudyPage
 from calibench.bench.statistics import summary as stats, tables
 from calibench.bench.statistics.cells import METHOD, PROBLEM
 from calibench.bench.statistics.fixed_target import Hits
+from calibench.bench.statistics.optimum import told_of
 from calibench.bench.statistics.ranking import with_looks
 from calibench.bench.statistics.targets import levels_of, with_lowest_seen
-from calibench.bench.store.arrays import RUNS_SCHEMA
+from calibench.bench.store.arrays import RUNS_SCHEMA, give_back
 from calibench.bench.store.atomic_file import write_whole
+from calibench.bench.store.columns import numbered
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.tables import parquet_file
@@ -53,8 +58,10 @@ _UNREAD = {
 @dataclass(frozen=True, kw_only=True)
 class FinishedRuns:
     """The runs of a study with their goals (`with_lowest_seen`), their traces, and their summary with costs; `files`
-    are those that stood in its folder before they were read, or that the runs name."""
+    are those that stood in its folder before they were read, or that the runs name; the `manifest` is without what was
+    planned and is done."""
 
+    manifest: Mapping[str, Any]
     files: State
     runs: pd.DataFrame
     traces: pd.DataFrame
@@ -64,17 +71,31 @@ class FinishedRuns:
 def finished_runs(store: ResultStore) -> FinishedRuns:
     """Return what a report is made of. Raises `StoreError` without runs."""
     columns = [name for name in RUNS_SCHEMA.names if name not in _UNREAD]
-    files, runs, traces = state_of(store.folder), offered(store.runs(columns)), store.courses()
+    files, runs = state_of(store.folder), _with_parameters_once(offered(store.runs(columns)))
     if runs.empty:
         raise StoreError(f"{store.folder}: holds no finished run yet")
+    traces, manifest, done = store.courses(), store.manifest(), {*runs["run_id"]}
+    manifest["planned"] = {run_id: label for run_id, label in manifest["planned"].items() if run_id not in done}
     named = files_named([*runs["problem_options"].unique(), *runs["optimizer_options"].unique()])
     files |= {name: state_of_file(Path(name)) for name in named}
     runs = with_lowest_seen(runs, traces)
-    summary = stats.summary(runs, store.manifest().get("costs", []))
-    return FinishedRuns(files=files, runs=runs, traces=traces, summary=summary)
+    summary = stats.summary(runs, manifest.get("costs", []))
+    give_back()
+    return FinishedRuns(manifest=manifest, files=files, runs=runs, traces=traces, summary=summary)
 
 
-@tables.problems_made_once()
+def _with_parameters_once(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return the runs, those of a problem with one list of its parameters' names: of 1e5 runs they would be 50 MB."""
+    number, told = numbered(runs[name] for name in PROBLEM), np.flatnonzero(runs["parameter_names"].notna())
+    known, first = np.unique(number[told], return_index=True)
+    for name in tables.OF_PARAMETERS:
+        lists = np.full(len(runs), None, dtype=object)  # by the number of the problem
+        for problem, one in zip(known, runs[name].iloc[told[first]], strict=True):
+            lists[problem] = one if isinstance(one, list) else None
+        runs[name] = lists[number]
+    return runs
+
+
 def write_report(
     store: ResultStore, additions: Additions = (), tell: Tell = lambda done, of, what: None,
     finished: FinishedRuns | None = None,
@@ -82,53 +103,56 @@ def write_report(
     """Write tables, figures and page of `store` into its folder; return their paths, the page's last."""
     tell(0, _STEPS, "the runs")
     finished = finished_runs(store) if finished is None else finished
-    runs, traces, summary = finished.runs, finished.traces, finished.summary
-    manifest, kept = store.manifest(), Kept.read(store.folder)
-    tell(1, _STEPS, "when each run reached each target")
-    written = [store.write_hits(levels_of(runs))]
-    file = parquet_file(written[0], as_codes=("run_id", "quantity"))
-    hits = Hits.of(file.read_row_group(i, Hits.COLUMNS) for i in range(file.num_row_groups))
-    tell(2, _STEPS, "the tables")
-    drawn = with_looks(runs, summary)
-    together = list(ecdf_figures(drawn, hits, groups_of(runs)))[:_GROUPS]
-    drawable = [(name, draw) for name, _, draw in together]
-    many = len(runs[PROBLEM].drop_duplicates()) > _MANY
-    ranked = figures.ranked_over_tasks(runs)
-    drawable += figures.drawable(drawn, traces, additions, _FEW if many else _DRAWN, ranked)
-    steps = _STEPS + len(drawable)
-    at = {name: 3 + i for i, (name, _) in enumerate(reversed(drawable))}  # the last is drawn first
-    with Drawings(
-        drawable, store.folder, lambda name: tell(at.get(name, 3), steps, f"figure {name}"), kept
-    ) as drawings:  # fmt: skip
-        identifiability = tables.identifiability(runs)
-        several = len(runs[METHOD].drop_duplicates()) > 1
-        named = {
-            "summary": summary, "calibrated": tables.calibrated(runs, partial(printed_values, additions)),
-            "identifiability": identifiability,
-            "overview": tables.overview(runs, manifest.get("costs", []), summary) if several else pd.DataFrame(),
-        }  # fmt: skip
-        sections: list[FilledSection] = []  # of which the runs fill a table, each with the tables they fill
-        for section in (section for addition in additions for section in addition.sections):
-            built = ((table, table.build(runs)) for table in section.tables)
-            if with_rows := tuple((table, rows) for table, rows in built if not rows.empty):
-                sections.append((section, with_rows))
-        printed = [(f"tables/{table.name}", rows) for _, filled in sections for table, rows in filled]
-        for name, table in [*named.items(), *printed]:
-            path = store.folder / f"{name}.csv"
-            if table.empty:  # there is no file, nor one from an earlier report
-                path.unlink(missing_ok=True)
-                continue
-            path.parent.mkdir(exist_ok=True)
-            table.to_csv(path, index=False)
-            written.append(path)
-        page = StudyPage(
-            folder=store.folder, runs=runs, sections=sections, identifiability=identifiability, drawings=drawings,
-            manifest=manifest, about=(study_preset(store.study) or {}).get("description", ""), traces=traces, hits=hits,
-            beside={words: address for one in additions for words, address in one.links(store.folder).items()},
-            captions={figure.name: figure.caption for one in additions for figure in one.figures}, summary=summary,
-            together={name: caption for name, caption, _ in together}, ranked=ranked,
-        ).html()  # fmt: skip
-        written += drawings.files()
+    runs, traces, summary, manifest = finished.runs, finished.traces, finished.summary, finished.manifest
+    kept, about = Kept.read(store.folder), (study_preset(manifest["study"]) or {}).get("description", "")
+    with tables.problems_made_once() as known, _of_problems(runs, additions, known) as asked:
+        tell(1, _STEPS, "when each run reached each target")
+        levels, told = next(asked)
+        known |= told
+        written = [store.write_hits(levels)]
+        file = parquet_file(written[0], as_codes=("run_id", "quantity"))
+        hits = Hits.of(file.read_row_group(i, Hits.COLUMNS) for i in range(file.num_row_groups))
+        give_back()
+        tell(2, _STEPS, "the tables")
+        drawn = with_looks(runs, summary)
+        together = list(ecdf_figures(drawn, hits, groups_of(runs)))[:_GROUPS]
+        drawable = [(name, draw) for name, _, draw in together]
+        many = len(runs[PROBLEM].drop_duplicates()) > _MANY
+        ranked = figures.ranked_over_tasks(runs)
+        drawable += figures.drawable(drawn, traces, additions, _FEW if many else _DRAWN, ranked)
+        steps = _STEPS + len(drawable)
+        at = {name: 3 + i for i, (name, _) in enumerate(reversed(drawable))}  # the last is drawn first
+        drawings = Drawings(drawable, store.folder, lambda name: tell(at.get(name, 3), steps, f"figure {name}"), kept)
+        give_back()  # before its processes, which would have it too
+        with drawings:
+            identifiability, calibrated, built = next(asked)
+            several = len(runs[METHOD].drop_duplicates()) > 1
+            named = {
+                "summary": summary, "calibrated": calibrated, "identifiability": identifiability,
+                "overview": tables.overview(runs, manifest.get("costs", []), summary) if several else pd.DataFrame(),
+            }  # fmt: skip
+            filled = [
+                (section, tuple(pair for pair in zip(section.tables, rows, strict=True) if not pair[1].empty))
+                for section, rows in zip(_sections(additions), built, strict=True)
+            ]
+            sections: list[FilledSection] = [one for one in filled if one[1]]
+            printed = [(f"tables/{table.name}", rows) for _, pairs in sections for table, rows in pairs]
+            for name, table in [*named.items(), *printed]:
+                path = store.folder / f"{name}.csv"
+                if table.empty:  # there is no file, nor one from an earlier report
+                    path.unlink(missing_ok=True)
+                    continue
+                path.parent.mkdir(exist_ok=True)
+                table.to_csv(path, index=False)
+                written.append(path)
+            page = StudyPage(
+                folder=store.folder, runs=runs, sections=sections, identifiability=identifiability, drawings=drawings,
+                manifest=manifest, about=about, traces=traces, hits=hits,
+                beside={words: address for one in additions for words, address in one.links(store.folder).items()},
+                captions={figure.name: figure.caption for one in additions for figure in one.figures}, summary=summary,
+                together={name: caption for name, caption, _ in together}, ranked=ranked,
+            ).html()  # fmt: skip
+            written += drawings.files()
     tell(steps - 1, steps, "the page")
     written.append(write_whole(store.folder / "report.html", lambda file: file.write(page.encode())))
     ours = [path.relative_to(store.folder).as_posix() for path in written]
@@ -136,6 +160,42 @@ def write_report(
     files = {name: after[name] if name in ours else finished.files.get(name, []) for name in after}
     Kept(code=code(), files=files, written=ours, figures=drawings.digests).write(store.folder)
     return written
+
+
+@contextmanager
+def _of_problems(
+    runs: pd.DataFrame, additions: Additions, known: dict[tuple[str, ...], Any]
+) -> Iterator[Iterator[Any]]:  # fmt: skip
+    """Yield what needs the problems themselves: their levels, with what is told of them; then the tables.
+
+    A process beside this one builds them, where all are of installed packages: compiled code takes 70 MB.
+    """
+    pairs = runs[PROBLEM[:2]].drop_duplicates()
+
+    def levels() -> tuple[pd.DataFrame, dict[tuple[str, ...], Any]]:
+        found = levels_of(runs)
+        for name, options in pairs.itertuples(index=False):
+            told_of(name, options)
+        for figure in (figure for addition in additions for figure in addition.figures):
+            figure.applies(runs)  # which compares with problems of its own
+        return found, {key: value for key, value in known.items() if key[0] != tables.MADE}
+
+    def rest() -> tuple[pd.DataFrame, pd.DataFrame, list[list[pd.DataFrame]]]:
+        calibrated = tables.calibrated(runs, partial(printed_values, additions))
+        built = [[table.build(runs) for table in section.tables] for section in _sections(additions)]
+        return tables.identifiability(runs), calibrated, built
+
+    jobs: Sequence[Callable[[], Any]] = (levels, rest)
+    if not CAN_FORK or not {*pairs["problem"]} <= {*problems.registry.names()}:
+        yield (job() for job in jobs)
+        return
+    with WorkerPool(lambda number: jobs[number](), 1) as pool:
+        pool.begin(range(len(jobs)))
+        yield (pool.take() for _ in jobs)
+
+
+def _sections(additions: Additions) -> list[TableSection]:
+    return [section for addition in additions for section in addition.sections]
 
 
 @contextmanager
