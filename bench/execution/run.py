@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -324,7 +324,7 @@ def make_run(asked: Asked, state: Kept | None, watch: Watch | None = None, found
         stall_limit = limits.STALL_LIMIT if pair.may_hang else inf
         clock: Callable[[], object] = float if watch is None else partial(watch.begin, gate, stall_limit)
         with followed(name, gate):
-            ending = run_here(optimizer, gate, rng, clock, _begun(begin, made_in))
+            ending = run_here(optimizer, gate, rng, clock, begin, made_in)
         if gate.stopped == "timeout":
             ending = replace(ending, error=limits.PASSED)
     gate.close()
@@ -337,14 +337,6 @@ def make_run(asked: Asked, state: Kept | None, watch: Watch | None = None, found
     answer, ending = answer_of(pair, gate.best_x, ending, repetition)
     process_changes = [] if state is None else state.put_back()
     return Run(row_of(asked, gate, answer, ending, began, process_changes), tuple(gate.trace))
-
-
-@contextmanager
-def _begun(begin: Callable[[], object], made_in: AbstractContextManager[Any]) -> Iterator[None]:
-    """Make the search within `made_in`, after `begin`: in its own process, as a fork begins `random` anew."""
-    with made_in:
-        begin()
-        yield
 
 
 _OF_GATE = (

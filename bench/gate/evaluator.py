@@ -115,8 +115,14 @@ class Evaluator:
         """Return the value at x, shape (dim,); infinite where it is not finite. Raises `Stop` when no more is left."""
         return self._call(x)
 
-    def single_call(self) -> Callable[[Array], float]:
-        """Return `__call__` as a plain function, which is faster to call often, because it looks up no attribute."""
+    def single_call(
+        self, outside: Callable[[Array, Array], bool] | None = None, box: Array | None = None,
+        look: Callable[[Any], Array] = np.array,
+    ) -> Callable[[Array], float]:  # fmt: skip
+        """Return `__call__` as a plain function, which is faster to call often, because it looks up no attribute.
+
+        Of a point that is `outside` the `box`, or that this does not take (`TypeError`), ``look(x)`` is asked for.
+        """
         gate, function, fixed, again = self, self._function, self._fixed, self._again
 
         def ask(calls: Calls) -> None:
@@ -124,6 +130,13 @@ class Evaluator:
             fixed, again, function = calls.fixed, calls.again, calls.value
 
         def call(x: Array) -> float:
+            if outside is not None:
+                try:
+                    inside = type(x) is _ARRAY and not outside(x, box)  # type: ignore[arg-type]
+                except TypeError:  # of another kind of number, or of other strides
+                    inside = False
+                if not inside:
+                    x = look(x)
             n = gate.evaluations + 1
             if n < gate._next_event:
                 gate.evaluations = n
@@ -201,10 +214,7 @@ class Evaluator:
             self.evaluations += allowed  # before the call, so that a call which raises is charged, too
             self.batch_evaluations += allowed
             n = self.evaluations
-        try:
-            values = function(points[:allowed], *(limit[:allowed] for limit in limits))
-        except BaseException as error:
-            self._fail(error)
+        values = self._answer(function, points[:allowed], *(limit[:allowed] for limit in limits))
         with self._lock:
             values = self._take(points, values, self._scan(values, self.best_value), n - allowed)
             self._pass_marks(n)
@@ -222,10 +232,7 @@ class Evaluator:
         else:
             n = self._admit()
         self.residual_evaluations += 1
-        try:
-            r: Array = self._residuals(x)
-        except BaseException as error:
-            self._fail(error)
+        r = self._answer(self._residuals, x)
         self._rows = len(r)
         value = float(r.dot(r))
         if value < self.best_value:
@@ -254,11 +261,7 @@ class Evaluator:
         """Return the derivative of the value at x, shape (dim,), for `dimension` evaluations, counted as a Jacobian."""
         self._charge_slopes(self.dimension)
         self.gradient_evaluations += 1
-        try:
-            slopes: Array = self._gradient(x)
-        except BaseException as error:
-            self._fail(error)
-        return self._finite(slopes)
+        return self._finite(self._answer(self._gradient, x))
 
     def value_and_gradient(self, x: Array) -> tuple[float, Array]:
         """Return both, by one call of a problem that gives them at once, for 1 + `dimension` evaluations."""
@@ -268,10 +271,7 @@ class Evaluator:
         n = self._admit()
         self.gradient_evaluations += 1
         self.joint_evaluations += 1
-        try:
-            both: Array = self._joint(x)
-        except BaseException as error:
-            self._fail(error)
+        both = self._answer(self._joint, x)
         value, slopes = float(both[0]), self._finite(both[1:])
         if -inf < value < self.best_value:
             self._improve(n, value, x)
@@ -381,6 +381,12 @@ class Evaluator:
         return self  # pygmo copies what it is given; the count must stay one
 
     __copy__ = __deepcopy__
+
+    def _answer(self, function: Callable[..., Array], *given: Array) -> Array:
+        try:
+            return function(*given)
+        except BaseException as error:
+            self._fail(error)
 
     def _fail(self, error: BaseException) -> NoReturn:
         """Raise what the problem raised, and keep the first such: it ends the run, whoever swallows it."""

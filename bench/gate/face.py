@@ -3,7 +3,7 @@
 Values are copies. To set or delete an attribute, or to pickle a face, raises an error in the optimiser, and is noted in
 the run's row. This keeps honest code honest: in one process of Python nothing can be hidden from code that searches it.
 
-The calls go through `Doors`. Points outside the box by more than an ulp, or not finite, are counted; that takes as long
+The calls go through doors. Points outside the box by more than an ulp, or not finite, are counted; that takes as long
 as all the rest of the gate's work for a scalar call. So only those optimisers are checked of which nothing is known, of
 other packages, and ours whose trait says ``bounded=False``: for all others the tests prove that they stay in the box.
 """
@@ -11,16 +11,15 @@ other packages, and ours whose trait says ``bounded=False``: for all others the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache, partial
 from operator import attrgetter
-from typing import Any, NoReturn, final
+from typing import Any, NoReturn
 
 import numpy as np
 
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.optimizers.base import Objective
-from calibench.problems.base import Array, frozen
+from calibench.problems.base import Array
 
 NUMBERS = (
     "batch_evaluations", "best_evaluation", "best_value", "charged", "evaluations", "gradient_evaluations",
@@ -36,35 +35,19 @@ KNOWN = frozenset({*NUMBERS, *COPIES, *FIXED})  # what a run knows of itself, fo
 METHODS = ("batch", "batch_below", "gradient", "jacobian", "residuals", "value_and_gradient", "restart")
 
 
-@final
-@dataclass(frozen=True)
-class Doors:
-    """The calls through which an optimiser evaluates: the gate's own, or with a check before each."""
-
-    value: Callable[[Any], float]
-    batch: Callable[[Any], Array]
-    batch_below: Callable[[Any, Any], Array]
-    residuals: Callable[[Any], Array]
-    jacobian: Callable[[Any], Array]
-    gradient: Callable[[Any], Array]
-    value_and_gradient: Callable[[Any], tuple[float, Array]]
+Doors = dict[str, Callable[..., Any]]  # the calls through which an optimiser evaluates, by name
 
 
 def doors_of(gate: Evaluator) -> Doors:
     """Return the gate's own calls."""
-    return Doors(
-        gate.single_call(), gate.batch, gate.batch_below, gate.residuals, gate.jacobian, gate.gradient,
-        gate.value_and_gradient,
-    )  # fmt: skip
+    return {"__call__": gate.single_call(), **{name: getattr(gate, name) for name in METHODS}}
 
 
 def watched_doors_of(gate: Evaluator) -> Doors:
     """Return the gate's calls, each with a check of its points; those outside are counted in `outside_evaluations`."""
     outside, many = looks()
-    box = frozen([np.nextafter(gate.lower, -np.inf), np.nextafter(gate.upper, np.inf)])
-    shape, ndarray = gate.lower.shape, np.ndarray
-    value, batch, batch_below = gate.single_call(), gate.batch, gate.batch_below
-    residuals, jacobian = gate.residuals, gate.jacobian
+    box = np.array([np.nextafter(gate.lower, -np.inf), np.nextafter(gate.upper, np.inf)])  # writable: 30 ns less a call
+    shape, batch, batch_below = gate.lower.shape, gate.batch, gate.batch_below
     gate.outside_evaluations = 0
 
     def point(x: Any) -> Array:
@@ -81,16 +64,6 @@ def watched_doors_of(gate: Evaluator) -> Doors:
             gate.note_outside(1)
         return own
 
-    def one(x: Any) -> float:
-        if type(x) is ndarray:
-            try:
-                inside = not outside(x, box)
-            except TypeError:  # of another kind of number, or of other strides
-                inside = False
-            if inside:  # as nearly always
-                return value(x)
-        return value(look(x))
-
     def looked_at_all(points: Any) -> Array:
         own = points if type(points) is np.ndarray else np.array(points, dtype=np.float64)
         if own.ndim == 2 and own.shape[1:] == shape:
@@ -100,22 +73,21 @@ def watched_doors_of(gate: Evaluator) -> Doors:
                 gate.note_outside(found)
         return own
 
-    return Doors(
-        one,
-        lambda points: batch(looked_at_all(points)),
-        lambda points, limits: batch_below(looked_at_all(points), np.array(limits, dtype=np.float64)),
-        lambda x: residuals(look(x)),
-        lambda x: jacobian(point(x)),
-        lambda x: gate.gradient(point(x)),
-        lambda x: gate.value_and_gradient(look(x)),
-    )
+    return {
+        "__call__": gate.single_call(outside, box, look),
+        "batch": lambda points: batch(looked_at_all(points)),
+        "batch_below": lambda points, limits: batch_below(looked_at_all(points), np.array(limits, dtype=np.float64)),
+        "residuals": lambda x: gate.residuals(look(x)),
+        "jacobian": lambda x: gate.jacobian(point(x)),
+        "gradient": lambda x: gate.gradient(point(x)),
+        "value_and_gradient": lambda x: gate.value_and_gradient(look(x)),
+        "restart": gate.restart,
+    }
 
 
 def face_of(gate: Evaluator, doors: Doors) -> Objective:
     """Return the face of `gate`, whose calls go through `doors`."""
-    calls: dict[str, Any] = {"__call__": doors.value, "restart": gate.restart}
-    calls |= {name: getattr(doors, name) for name in METHODS[:-1]}
-    members: dict[str, Any] = {name: staticmethod(call) for name, call in calls.items()}
+    members: dict[str, Any] = {name: staticmethod(call) for name, call in doors.items()}
     face: Any = type("Face", (_Face,), members | {"__slots__": (), "__module__": __name__})()
     object.__setattr__(face, "_gate", gate)
     return face  # type: ignore[no-any-return]

@@ -11,7 +11,7 @@ import gc
 import mmap
 import os
 from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
+from contextlib import AbstractContextManager, ExitStack, closing
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
@@ -61,24 +61,22 @@ class Ending:
     traceback: str = ""
 
 
-Around = AbstractContextManager[Any]  # what a search is made in, in the process that makes it
-_NOTHING: Around = nullcontext()
-
-
 def run_here(
-    optimizer: Any, gate: Evaluator, rng: np.random.Generator, begin: Callable[[], object] = lambda: None,
-    around: Around = _NOTHING,
+    optimizer: Any, gate: Evaluator, rng: np.random.Generator, clock: Callable[[], object],
+    begin: Callable[[], object], around: AbstractContextManager[Any],
 ) -> Ending:  # fmt: skip
     """Run in this process until the gate or the optimiser ends it; any other exception becomes the ending's error.
 
-    `begin` is done as the clock starts; the search is made within `around`. `KeyboardInterrupt` is raised again.
+    `clock` is begun first. The search is made within `around` after `begin`: a process forked there begins `random`
+    anew. `KeyboardInterrupt` is raised again.
     """
     objective = face_of(gate, doors_of(gate) if stays_inside(optimizer) else watched_doors_of(gate))
     error: BaseException | None = None
-    begin()
+    clock()
     wall, cpu = perf_counter(), process_time() + children_cpu()
     try:
         with around:
+            begin()
             optimizer.minimize(objective, rng)
     except Stop:
         pass

@@ -19,7 +19,7 @@ import os
 import platform
 import re
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -32,7 +32,7 @@ import numpy as np
 
 from calibench.bench.execution.run_row import COLUMNS, SCHEMA_VERSION
 from calibench.bench.gate.processes import born
-from calibench.bench.provenance.environment import provenance
+from calibench.bench.provenance.environment import Provenance, provenance
 from calibench.bench.store.atomic_file import open_within
 
 if TYPE_CHECKING:
@@ -42,6 +42,8 @@ FOLDER, ENDING, CLAIMED = "journal", ".journal", ".claimed"
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
 _TIMES = frozenset(column.name for column in COLUMNS if column.parquet.startswith("timestamp"))
+_SHARED = {*Provenance.__annotations__, "study", "schema_version"}  # columns that all rows of a journal share
+_OWN = [column.name for column in COLUMNS if column.name not in _SHARED]
 _HEADER_EVERY = 256  # records between two copies of the header: one that is damaged is not missed
 _SYNC_EVERY = 2.0  # seconds between two orders to bring what was written to the disk
 _APPEND = os.O_WRONLY | os.O_APPEND | getattr(os, "O_BINARY", 0)
@@ -82,25 +84,22 @@ class Journal:
         """Begin a journal: its file, made with the first run, is named from `name`; `origin` is where rows are made."""
         self._folder, self._name = folder / FOLDER, name or writer_name()
         self._common = {**(origin or provenance()), "study": study, "schema_version": SCHEMA_VERSION}
-        self._names = [column.name for column in COLUMNS if column.name not in self._common]
         self._header, self._count = b"", 0
         self._synced = time.monotonic()
         self.path: Path | None = None
 
     def append(self, run: Run) -> None:
         """Write a finished run. When this returns, a kill of this process no longer loses it."""
-        record = vars(run.record)
-        times = {name for name in _TIMES if record.get(name) is not None}
-        row = [(record[name] - _EPOCH) // _MICROSECOND if name in times else record[name] for name in self._names]
-        points = [list(column) for column in zip(*run.points, strict=True)] or [[], [], [], []]
-        fields = ("R", record["run_id"], record["status"], record["code_digest"] or "")
-        line = _line(*fields, _ENCODER.encode(row), _ENCODER.encode(points))
+        self.append_lines([line_of(run)])
+
+    def append_lines(self, lines: Sequence[bytes]) -> None:
+        """Write finished runs likewise, as `line_of` makes them."""
         while True:  # until nobody has claimed the file that holds it
             if self.path is None:
                 path, flags = self._folder / f"{self._name}-{token_hex(8)}{ENDING}", _APPEND | os.O_CREAT | os.O_EXCL
                 header = {
                     "schema_version": SCHEMA_VERSION, "host": platform.node(), "pid": os.getpid(),
-                    "born": born(os.getpid()), "began_at": time.time(), "columns": self._names, "common": self._common,
+                    "born": born(os.getpid()), "began_at": time.time(), "columns": _OWN, "common": self._common,
                 }  # fmt: skip
                 self._header, self._count = _line("H", _ENCODER.encode(header)), 0
             else:
@@ -112,20 +111,30 @@ class Journal:
                 continue
             self.path = path
             try:
-                copies = 2 if os.fstat(file).st_size == 0 else self._count % _HEADER_EVERY == 0
-                _write(file, self._header * copies + line)
+                copies = 2 if os.fstat(file).st_size == 0 else self._count >= _HEADER_EVERY
+                _write(file, self._header * copies + b"".join(lines))
                 if time.monotonic() - self._synced > _SYNC_EVERY:
                     with suppress(OSError):  # some network drives have no such order
                         os.fsync(file)
                     self._synced = time.monotonic()
             finally:
                 os.close(file)
-            self._count += 1
+            self._count = len(lines) + (0 if copies else self._count)  # since the last header
             try:  # whether it is still there: by opening it, which a network drive answers anew
                 os.close(os.open(path, os.O_RDONLY))
                 return
             except FileNotFoundError:
                 self.path = None
+
+
+def line_of(run: Run) -> bytes:
+    """Return a finished run as a journal holds it, wherever it was made."""
+    record = vars(run.record)
+    times = {name for name in _TIMES if record.get(name) is not None}
+    row = [(record[name] - _EPOCH) // _MICROSECOND if name in times else record[name] for name in _OWN]
+    points = [list(column) for column in zip(*run.points, strict=True)] or [[], [], [], []]
+    fields = ("R", record["run_id"], record["status"], record["code_digest"] or "")
+    return _line(*fields, _ENCODER.encode(row), _ENCODER.encode(points))
 
 
 def _write(file: int, line: bytes) -> None:

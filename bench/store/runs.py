@@ -422,14 +422,17 @@ class ResultStore:
         with locked(self.folder):
             self._collect(self.manifest(), set(run_ids))
 
-    def collect(self) -> list[Path]:
-        """Fold all journals into ``runs.parquet`` and ``traces.parquet``; return where damaged ones were set aside."""
+    def collect(self, workers: int = 1) -> list[Path]:
+        """Fold all journals into ``runs.parquet`` and ``traces.parquet``; return where damaged ones were set aside.
+
+        So many `workers` (processes) read the journals' rows at once.
+        """
         if not self.is_begun:
             self.manifest()  # it raises what is wrong, before a lock is made there
         with locked(self.folder):
-            return self._collect(self.manifest(), set())
+            return self._collect(self.manifest(), set(), workers)
 
-    def _collect(self, manifest: Mapping[str, Any], drop: set[str]) -> list[Path]:
+    def _collect(self, manifest: Mapping[str, Any], drop: set[str], workers: int = 1) -> list[Path]:
         """Collect, without the runs to `drop`, by who holds the lock."""
         self._journal = None  # its next run goes to a new one
         for path in self.folder.glob("*.tmp"):  # what killed processes left; what may still be written stays
@@ -451,7 +454,7 @@ class ResultStore:
         new = _distinct(itertools.chain(*readers), tables.complete() | drop)
         first = next(new, None)
         if first is not None or drop or not tables.are_one_pair():
-            collect_into(tables, itertools.chain([] if first is None else [first], new), drop, refuse)
+            collect_into(tables, itertools.chain([] if first is None else [first], new), drop, refuse, workers)
         for reader in readers:
             if reader.damaged:
                 quarantine.mkdir(exist_ok=True)

@@ -140,7 +140,7 @@ def carry_out(
             try:
                 unfinished = _do(request, left, store, execution, report, tell)
             finally:
-                aside += store.collect()
+                aside += store.collect(execution.workers)
                 kept = store.collected()
                 remove_gone(request.folder)
                 forget_finished(request.folder, kept)

@@ -12,7 +12,6 @@ import asyncio
 import json
 import logging
 import pickle
-import subprocess
 import sys
 import tempfile
 import warnings
@@ -21,18 +20,19 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future, wait
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
+from itertools import groupby
 from pathlib import Path
 from secrets import token_hex
 from time import monotonic
 from typing import Any, final
 
 from calibench.bench.execution.in_progress import Progress, to_files, was_silent
-from calibench.bench.execution.run import Run
 from calibench.bench.execution.standing import lost_run
+from calibench.bench.gate.processes import Child
 from calibench.bench.provenance.environment import Provenance
 from calibench.bench.store.journal import Journal
 from calibench.bench.workers.carrier import Job, Notice, Pack, Packs
-from calibench.bench.workers.dask_seat import WENT_ON, home_of
+from calibench.bench.workers.dask_seat import WENT_ON, Made, home_of, made
 from calibench.core.words import print_plain as print
 
 _LOOK = 0.5  # seconds between two looks at who is there, and at whether we are closed
@@ -43,10 +43,6 @@ _MESSAGES = 64  # on their way, after which workers wait for us
 _LOGGERS = ("distributed", "dask", "tornado", "asyncio")
 _NOTHING = logging.Filter("no logger is called so")
 _HOST = "127.0.0.1"
-_ENTER = (
-    "import sys; sys.path[:] = {path!r}; from calibench.bench.workers.dask_worker import serve; serve(*sys.argv[1:])"
-)
-_APART = None if sys.platform == "win32" else 0  # a process group of its own: Ctrl-C is for us to handle
 _EARLY = 5.0  # seconds: a worker that ends by itself sooner could not begin
 _TRIES = 3
 _END = 10.0  # seconds for a worker to end by itself
@@ -229,7 +225,7 @@ class _Sweep:
         if message["refused"]:
             raise self._refusal(flight.worker, message["refused"])
         flight.begun = flight.begun or message["begun"]
-        place = message["first"]
+        place, ended = message["first"], list[Made]()
         for words in message["words"]:
             if words[:1] == WENT_ON:
                 progress = json.loads(words[1:])
@@ -241,15 +237,15 @@ class _Sweep:
                     self._publish(progress)
                 continue
             if place == len(flight.pack.jobs) - len(flight.rest):  # else the pack is done again, by whomever
-                run, seconds = pickle.loads(words[1:])
+                run: Made = pickle.loads(words[1:])
                 job = flight.rest.popleft()
                 if run.run_id != job.run_id:
                     why = f"its id was {run.run_id} on the Dask worker {flight.worker}: it is another run there"
-                    run = lost_run(job.spec, job.run_id, "ProcessDied", why)
-                self._packs.note_time(job, seconds)
-                self._keep(run)
-                yield Notice(job.run_id, run.status, seconds)
+                    run = made(lost_run(job.spec, job.run_id, "ProcessDied", why), run.seconds)
+                self._packs.note_time(job, run.seconds)
+                ended.append(run)
             place += 1
+        yield from self._keep(ended)
         if message["ended"] is not None:
             yield from self._end(number, json.loads(message["ended"] or "null"))
 
@@ -277,16 +273,17 @@ class _Sweep:
         if at_fault is not None:
             late = why[0] == "timeout"
             run = lost_run(at_fault.spec, at_fault.run_id, "ProcessDied", why[1], timed_out=late)
-            self._keep(run)
-            yield Notice(at_fault.run_id, run.status, 0.0)
+            yield from self._keep([made(run, 0.0)])
 
-    def _keep(self, run: Run) -> None:
-        made = tuple(getattr(run.record, key) for key in Provenance.__annotations__)
-        if made not in self._journals:
-            origin = dict(zip(Provenance.__annotations__, made, strict=True))
-            self._journals[made] = Journal(self._folder, self._study, origin=origin)
-        self._journals[made].append(run)
-        self._forget(run.run_id)
+    def _keep(self, runs: Sequence[Made]) -> Iterator[Notice]:
+        for place, some in groupby(runs, lambda run: run.place):
+            if place not in self._journals:
+                origin = dict(zip(Provenance.__annotations__, place, strict=True))
+                self._journals[place] = Journal(self._folder, self._study, origin=origin)
+            self._journals[place].append_lines([run.line for run in some])
+        for run in runs:
+            self._forget(run.run_id)
+            yield Notice(run.run_id, run.status, run.seconds)
 
     def _forget(self, run_id: str) -> None:
         progress = self._running.pop(run_id, None)
@@ -334,14 +331,16 @@ def cluster(workers: int, address: str | None) -> Iterator[Cluster]:
             scratch = stack.enter_context(
                 tempfile.TemporaryDirectory(prefix="calibench-dask-", ignore_cleanup_errors=True)
             )
+            local = _LocalWorkers(workers)
+            stack.callback(local.close)
             own = distributed.LocalCluster(  # a scheduler in this process, without workers and without a page
                 n_workers=0, threads_per_worker=1, processes=True, host=_HOST, silence_logs=False,
                 dashboard_address=f"{_HOST}:0",  # at None it takes port 8787, and warns where that is taken
                 scheduler_kwargs={"allowed_failures": 0, "dashboard": False},
             )  # fmt: skip
             where = str(stack.enter_context(own).scheduler_address)
-            local = _LocalWorkers(where, workers, scratch)
-            stack.callback(local.close)
+            stack.callback(local.close)  # before their scheduler
+            local.meet(where, scratch)
             client = _client(distributed, where)
         stack.callback(client.close, timeout=5)
         yield Cluster(client, f"execution.address={address}" if address else "execution=dask", local)
@@ -396,35 +395,45 @@ def _quiet() -> Iterator[None]:
 
 @final
 class _LocalWorkers:
-    """So many workers of the scheduler at `address`: processes of one thread, which end when this one does."""
+    """So many workers of one thread on this machine, for the scheduler that they `meet`; they end when this one does.
 
-    def __init__(self, address: str, workers: int, scratch: str) -> None:
-        self._address, self._scratch = address, scratch
+    They are forked with what is loaded here, before that scheduler has its thread.
+    """
+
+    def __init__(self, workers: int) -> None:
+        from calibench.bench.workers.dask_worker import serve
+
+        self._where: tuple[str, str] | None = None
         self._early = 0
-        self._processes = [self._start() for _ in range(workers)]
+        self._began: dict[Child, float] = {}
+        for _ in range(workers):
+            self._start(Child(serve))
+
+    def meet(self, address: str, scratch: str) -> None:
+        self._where = address, scratch
+        for child in self._began:
+            child.send(self._where)
 
     def refill(self) -> None:
         """Replace the workers that have ended. Raises `OSError` where they end as soon as they are started."""
-        for place, (process, began) in enumerate(self._processes):
-            if process.poll() is None:
-                continue
-            by_itself = process.returncode is not None and process.returncode >= 0
-            self._early = self._early + 1 if by_itself and monotonic() - began < _EARLY else 0
+        for child in [child for child in self._began if child.is_gone]:
+            lived = monotonic() - self._began.pop(child)
+            ending = child.end()
+            self._early = self._early + 1 if "SIG" not in ending and lived < _EARLY else 0
             if self._early >= _TRIES:
-                raise OSError(f"workers end as soon as they are started, with exit code {process.returncode}")
-            self._processes[place] = self._start()
+                raise OSError(f"workers end as soon as they are started, with {ending}")
+            self._start(child)
+            child.send(self._where)
 
     def close(self) -> None:
-        for process, _ in self._processes:
-            if process.stdin is not None:
-                process.stdin.close()
-        for process, _ in self._processes:
-            try:
-                process.wait(_END)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+        children, self._began = self._began, {}
+        for child in children:
+            child.connection.close()
+        for child in children:
+            if child.process is not None:
+                child.process.join(_END)
+            child.end()
 
-    def _start(self) -> tuple[subprocess.Popen[bytes], float]:
-        command = [sys.executable, "-P", "-c", _ENTER.format(path=sys.path), self._address, self._scratch]
-        return subprocess.Popen(command, stdin=subprocess.PIPE, process_group=_APART), monotonic()
+    def _start(self, child: Child) -> None:
+        child.start(other.connection for other in self._began)
+        self._began[child] = monotonic()

@@ -3,7 +3,7 @@
 A Dask worker must outlive whatever a run does. So it starts a seat, a fresh process of one thread, which executes
 nothing of a user's itself. What it says begins with a letter: ``X`` why it does not work; ``B`` it
 can begin with a pack, and does when it hears anything; ``T`` what its child says, pickled: ``P`` how far a run is,
-JSON, and ``R`` a run has ended, pickled with its seconds; ``E`` the pack has, with [status, why] where the child was
+JSON, and ``R`` a run has ended, a `Made` pickled; ``E`` the pack has, with [status, why] where the child was
 lost.
 
 A `Home` is what the sweep's own machine has and every worker must have: versions and digests of code, by which a worker
@@ -23,14 +23,15 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from time import monotonic, sleep
-from typing import final
+from typing import Any, NamedTuple, final
 
 from calibench.bench.execution.in_progress import publishing
 from calibench.bench.execution.kernels import load_kernels
-from calibench.bench.execution.run import Spec
+from calibench.bench.execution.run import Run, Spec
 from calibench.bench.gate.processes import Child, exit_of, forked, load_prctl
 from calibench.bench.provenance.code_digest import GATE
-from calibench.bench.provenance.environment import provenance
+from calibench.bench.provenance.environment import Provenance, provenance
+from calibench.bench.store.journal import line_of
 from calibench.bench.workers.carrier import Pack, do_pack, too_late
 from calibench.core import sources, user_file
 
@@ -40,7 +41,10 @@ PROGRESS_EVERY = 2.0  # seconds between two words of how far a long run is
 _LOOK = 0.25  # seconds between two looks at the child
 _TOGETHER = 0.01  # seconds in which runs that end are passed on as one; their child can say more than that unread
 _NOT_IN_RUNS = ("python", "pandas", "pyarrow", "hydra-core")  # they compose and keep, and are no part of a run
-OURS = ("calibench.problems", "calibench.optimizers", "calibench.bench.execution.run", *GATE)  # what a run goes through
+OURS = (  # what a run goes through
+    *("calibench.problems", "calibench.optimizers", "calibench.bench.execution.run", "calibench.bench.store.journal"),
+    *GATE,
+)
 
 
 def sit(descriptor: int) -> None:
@@ -110,6 +114,21 @@ def _do(pack: Pack, child: Child, worker: Connection) -> tuple[str, str] | None:
     return None
 
 
+class Made(NamedTuple):
+    """A run that has ended: its line for a journal, of rows that were made in such a place."""
+
+    run_id: str
+    status: str
+    seconds: float
+    place: tuple[Any, ...]
+    line: bytes
+
+
+def made(run: Run, seconds: float) -> Made:
+    place = tuple(getattr(run.record, key) for key in Provenance.__annotations__)
+    return Made(run.run_id, run.status, seconds, place, line_of(run))
+
+
 def _work(theirs: Connection) -> None:
     lock = threading.Lock()  # progress is told by a thread
 
@@ -120,7 +139,7 @@ def _work(theirs: Connection) -> None:
     with publishing(lambda progress: say(WENT_ON + json.dumps(progress).encode()), PROGRESS_EVERY):
         while do_pack(
             theirs.recv(),
-            lambda run, seconds: say(RAN + pickle.dumps((run, seconds), pickle.HIGHEST_PROTOCOL)),
+            lambda run, seconds: say(RAN + pickle.dumps(made(run, seconds), pickle.HIGHEST_PROTOCOL)),
             lambda notices: None,
         ):
             pass

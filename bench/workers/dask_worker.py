@@ -1,7 +1,7 @@
 """What runs in a Dask worker's process: it has packs done in a seat (`bench.workers.dask_seat`), and streams runs home.
 
 Runs go into a queue of the scheduler; a full queue makes the workers wait, and runs that end within a tenth of a second
-share a message. Where nobody wants the pack any more the seat is ended. No other file of the package is loaded.
+share a message. Where nobody wants the pack any more the seat is ended.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import asyncio
 import logging
 import os
 import pickle
-import signal
 import socket
 import subprocess
 import sys
@@ -215,12 +214,12 @@ def _take(queue: str, home: bytes, pack: bytes, is_wanted: Callable[[], bool]) -
     return None, f"the process that starts its runs ends before it begins, with {code}"
 
 
-def serve(address: str, scratch: str) -> None:
-    """Be a worker of the scheduler at `address` until the process that started us closes our standard input."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
+def serve(parent: Connection) -> None:
+    """Be a worker of the scheduler whose address, and folder for files, `parent` sends; end where it hangs up."""
+    address, scratch = parent.recv()
     logging.disable(logging.CRITICAL)  # what matters is told by what happens to the runs
     dask.config.set({"distributed.worker.profile.enabled": False})  # it looks a hundred times a second
-    threading.Thread(target=_end, args=(True,), daemon=True).start()
+    threading.Thread(target=_end, args=(parent,), daemon=True).start()
     with suppress(Exception):  # the scheduler is gone, say
         asyncio.run(_serve(address, scratch))
     _end()
@@ -233,10 +232,11 @@ async def _serve(address: str, scratch: str) -> None:
         await worker.finished()
 
 
-def _end(with_parent: bool = False) -> None:
-    """End all seats of this process, and the process: now, or when the parent is gone or wants us no more."""
-    if with_parent:
-        os.read(0, 1)
+def _end(parent: Connection | None = None) -> None:
+    """End all seats of this process, and the process: now, or when the `parent` is gone or wants us no more."""
+    if parent is not None:
+        with suppress(EOFError, OSError):
+            parent.recv_bytes()
     with _LOCK:
         seats = list(_ALL)
     for seat in seats:

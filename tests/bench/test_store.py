@@ -20,7 +20,7 @@ from calibench import bench, optimizers, problems
 from calibench.bench.store import collection, manifest
 from calibench.bench.store.arrays import RUNS_SCHEMA, TRACES_SCHEMA
 from calibench.bench.store.atomic_file import write_whole
-from calibench.bench.store.journal import Journal, JournalReader, claim, kept_by
+from calibench.bench.store.journal import Journal, JournalReader, claim, kept_by, line_of
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
 
@@ -276,6 +276,51 @@ def test_a_sweep_that_does_not_fit_in_memory_is_collected_as_one_that_does(tmp_p
     assert whole[2] == in_pieces[2]
     assert len(whole[0]) == 117
     assert whole[0]["repetition"].is_monotonic_increasing
+
+
+def test_lines_that_were_made_elsewhere_are_kept_at_once_and_headers_stand_between(store, runs):
+    journal = store.writer()
+    for first in range(0, 600, 60):
+        made = [replace(runs[0].record, run_id=f"{i:016x}", repetition=i) for i in range(first, first + 60)]
+        journal.append_lines([line_of(replace(runs[0], record=record)) for record in made])
+    journal.append(runs[1])
+    assert len({*store.runs()["run_id"]}) == 601
+    assert journal.path.read_bytes().count(b"\tH\t") == 2 + 2  # two at the beginning, then one after 300 runs each
+    assert journal.path.read_bytes().count(b"\tR\t") == 601
+
+
+def test_journals_that_two_processes_read_give_the_same_tables(tmp_path, runs, monkeypatch):
+    readers = set()
+    monkeypatch.setattr(collection, "_READ", 3000)
+    read = collection._table_of
+
+    def noted(records):
+        (tmp_path / "readers" / str(os.getpid())).touch()
+        return read(records)
+
+    (tmp_path / "readers").mkdir()
+    monkeypatch.setattr(collection, "_table_of", noted)
+
+    def collected(workers):
+        store = ResultStore(tmp_path / str(workers))
+        store.open()
+        for number in range(30):
+            run = runs[number % 3]
+            odd = {"evaluations": "many"} if number == 17 else {}
+            record = replace(run.record, run_id=f"{number:016x}", repetition=number, **odd)
+            store.write(replace(run, record=record))
+        aside = store.collect(workers)
+        readers.update(path.name for path in (tmp_path / "readers").iterdir())
+        return store.runs().drop(columns="study"), store.traces(), [path.name for path in aside]
+
+    alone = collected(1)
+    assert readers == {str(os.getpid())}
+    pair = collected(2)
+    assert len(readers) > 2
+    pd.testing.assert_frame_equal(alone[0], pair[0])
+    pd.testing.assert_frame_equal(alone[1], pair[1])
+    assert alone[2] == pair[2] == [f"{17:016x}.json"]
+    assert len(pair[0]) == 29
 
 
 def test_values_are_read_to_the_last_bit(store, runs):
