@@ -124,7 +124,7 @@ class Optimum:
 
 @final
 @dataclass(frozen=True)
-class Told:
+class Stated:
     """What a problem tells of its values; `ends`: those at its truth and start, where the first may be a floor."""
 
     unit: str
@@ -133,41 +133,41 @@ class Told:
     ends: tuple[float, float] | None = None
 
 
-def told_of(name: str, options: str) -> Told | None:
+def stated_of(name: str, options: str) -> Stated | None:
     """Return what a problem tells, asked once; None of a user's that is not here any more: the rows must suffice."""
     row = {"problem": name, "problem_options": options}
 
-    def ask() -> Told | None:
+    def ask() -> Stated | None:
         try:
             problem = problem_of(row, "the rounding floor in its figure, where it has a truth")
         except ValueError:
             return None
-        told = Told(unit_of(problem), minimum_of(problem), is_stochastic(problem))
-        truth = None if told.minimum or told.noisy else getattr(problem, "truth", None)
+        stated = Stated(unit_of(problem), minimum_of(problem), is_stochastic(problem))
+        truth = None if stated.minimum or stated.noisy else getattr(problem, "truth", None)
         if truth is not None:
             with suppress(Exception):  # a user's code has failed: the figure has no such line
                 ends = float(problem(np.array(truth))), float(problem(np.array(problem.start)))
-                return replace(told, ends=ends)
-        return told
+                return replace(stated, ends=ends)
+        return stated
 
-    found: Told | None = once(("told", name, options), ask)
+    found: Stated | None = once(("stated", name, options), ask)
     return found
 
 
 def optimum_of(runs: pd.DataFrame) -> Optimum:
     """Return the `Optimum` of `runs`, all of one problem with its options."""
     name, options = (str(runs[column].iloc[0]) for column in PROBLEM[:2])
-    told = told_of(name, options)
+    stated = stated_of(name, options)
     unit, minimum = _of_rows(runs, "unit"), _of_rows(runs, "minimum")
     noisy = _of_rows(runs, "judged_evaluations") is not None
-    if told is not None:
-        unit = told.unit if unit is None else unit
-        minimum = told.minimum if minimum is None else minimum
-        noisy = noisy or told.noisy
+    if stated is not None:
+        unit = stated.unit if unit is None else unit
+        minimum = stated.minimum if minimum is None else minimum
+        noisy = noisy or stated.noisy
 
     floor = rounding = None
-    if told is not None and told.ends is not None and not minimum and not noisy and isfinite(told.ends[0]):
-        floor, first = told.ends
+    if stated is not None and stated.ends is not None and not minimum and not noisy and isfinite(stated.ends[0]):
+        floor, first = stated.ends
         rounding = _ROUNDING * first if 0 <= floor <= _ROUNDING * first else None
     return Optimum(
         symbol=str(json.loads(options).get("error", "")) or "f",

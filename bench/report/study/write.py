@@ -28,7 +28,7 @@ from calibench.bench.report.study.page import StudyPage
 from calibench.bench.statistics import summary as stats, tables
 from calibench.bench.statistics.cells import METHOD, PROBLEM
 from calibench.bench.statistics.fixed_target import Hits
-from calibench.bench.statistics.optimum import told_of
+from calibench.bench.statistics.optimum import stated_of
 from calibench.bench.statistics.ranking import with_looks
 from calibench.bench.statistics.targets import levels_of, with_lowest_seen
 from calibench.bench.store.arrays import RUNS_SCHEMA, give_back
@@ -86,11 +86,11 @@ def finished_runs(store: ResultStore) -> FinishedRuns:
 
 def _with_parameters_once(runs: pd.DataFrame) -> pd.DataFrame:
     """Return the runs, those of a problem with one list of its parameters' names: of 1e5 runs they would be 50 MB."""
-    number, told = numbered(runs[name] for name in PROBLEM), np.flatnonzero(runs["parameter_names"].notna())
-    known, first = np.unique(number[told], return_index=True)
+    number, there = numbered(runs[name] for name in PROBLEM), np.flatnonzero(runs["parameter_names"].notna())
+    known, first = np.unique(number[there], return_index=True)
     for name in tables.OF_PARAMETERS:
         lists = np.full(len(runs), None, dtype=object)  # by the number of the problem
-        for problem, one in zip(known, runs[name].iloc[told[first]], strict=True):
+        for problem, one in zip(known, runs[name].iloc[there[first]], strict=True):
             lists[problem] = one if isinstance(one, list) else None
         runs[name] = lists[number]
     return runs
@@ -107,8 +107,8 @@ def write_report(
     kept, about = Kept.read(store.folder), (study_preset(manifest["study"]) or {}).get("description", "")
     with tables.problems_made_once() as known, _of_problems(runs, additions, known) as asked:
         tell(1, _STEPS, "when each run reached each target")
-        levels, told = next(asked)
-        known |= told
+        levels, stated = next(asked)
+        known |= stated
         written = [store.write_hits(levels)]
         file = parquet_file(written[0], as_codes=("run_id", "quantity"))
         hits = Hits.of(file.read_row_group(i, Hits.COLUMNS) for i in range(file.num_row_groups))
@@ -175,7 +175,7 @@ def _of_problems(
     def levels() -> tuple[pd.DataFrame, dict[tuple[str, ...], Any]]:
         found = levels_of(runs)
         for name, options in pairs.itertuples(index=False):
-            told_of(name, options)
+            stated_of(name, options)
         for figure in (figure for addition in additions for figure in addition.figures):
             figure.applies(runs)  # which compares with problems of its own
         return found, {key: value for key, value in known.items() if key[0] != tables.MADE}

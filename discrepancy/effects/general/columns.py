@@ -296,6 +296,9 @@ def run_terms(s: Array) -> Array:
     return np.stack([s, 4 * s * (1 - s), 6 * np.sqrt(3) * s * (1 - s) * (1 - 2 * s)], axis=-1)
 
 
+_COURSE = run_terms(np.linspace(0.0, 1.0, 65))
+
+
 def _drift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     [joint] = named(roles_of(formulation).joints, target)
     clock = clock_of(formulation)
@@ -304,7 +307,7 @@ def _drift(family: EffectFamily, formulation: Formulation, target: str) -> Built
 
     def measure(c: Array) -> float:
         """Return the range over the run, with the sign of its end where it is even."""
-        return float(c[0]) if len(c) == 1 else float(np.ptp(run_terms(np.linspace(0, 1, 65))[:, : len(c)] @ c))
+        return float(c[0]) if len(c) == 1 else float(np.ptp(_COURSE[:, : len(c)] @ c))
 
     def changes(count: int, q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {joint.reading: one * run_terms((data[clock] - origin) / span)[:, :count]}
