@@ -266,7 +266,7 @@ def test_show_finds_a_run_by_the_first_digits(run_bench, here):
 
 
 def test_a_damaged_journal_is_one_line_and_costs_the_run_of_its_line(run_bench, here, monkeypatch):
-    monkeypatch.setattr(ResultStore, "collect", lambda store: [])
+    monkeypatch.setattr(ResultStore, "collect", lambda store, workers: [])
     monkeypatch.setattr(ResultStore, "collected", ResultStore.finished)
     run_bench("run problem=full12 optimizer=de budget=100 seeds=3")
     monkeypatch.undo()
