@@ -33,8 +33,7 @@ from calibench.calibration.rig import unfolded
 from calibench.calibration.rigid import Array, Index, Mask, rpy_of
 from calibench.core.notes import Code, DataError, Note
 from calibench.core.tables.cells import split_rows, valid_rows
-from calibench.core.tables.columns import Columns, in_base_units, rename, with_seconds
-from calibench.core.tables.csv_table import heads
+from calibench.core.tables.columns import in_base_units, is_table, named_columns, rename, with_seconds
 from calibench.core.words import as_columns, as_units, counted, listed, plain
 
 OBSERVED = ("position", "pose", "sockets")
@@ -96,9 +95,8 @@ def table_of(
     """
     if isinstance(readings, Table):
         return readings
-    if hasattr(readings, "keys") and hasattr(readings, "__getitem__"):
-        given = {str(key): np.asarray(readings[key]) for key in readings.keys()}  # noqa: SIM118  # a DataFrame's, too
-    else:
+    given = readings
+    if not is_table(readings):
         numbers = np.asarray(readings)
         if numbers.ndim != 2 or len(names) not in (0, numbers.shape[1]):
             raise DataError(
@@ -106,12 +104,7 @@ def table_of(
             )
         names = names or [f"column_{k}" for k in range(1, numbers.shape[1] + 1)]
         given = dict(zip(names, numbers.T, strict=True))
-    shapes = {key: column.shape for key, column in given.items()}
-    if len(set(shapes.values())) != 1 or len(next(iter(shapes.values()))) != 1:
-        raise DataError(f"{name}: columns of one length are needed, and these have {shapes or 'none'}")
-    bare, in_names = heads(list(given))
-    content = Columns(dict(zip(bare, given.values(), strict=True)), units=in_names)
-    content = in_base_units(rename(content, columns or {}, units or {}, of=name))
+    content = in_base_units(rename(named_columns(given, name), columns or {}, units or {}, of=name))
     return Table.of(content.columns, name, units=content.units)
 
 

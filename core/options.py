@@ -234,6 +234,8 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
         return float(value) + 0.0  # of -0.0 too
     if kind is str and isinstance(value, str | int | float) and not isinstance(value, bool):
         return str(value)
+    if kind is str and callable(value):
+        raise ValueError(f"{label}: a function in memory; a word is needed, FILE.py:NAME, its file and its name there")
     if kind in (bool, int, float, str):
         raise ValueError(f"{label}={shown(value)}: {_WORDS[kind]} is needed")
     _refuse_word(label, value, origin or kind)

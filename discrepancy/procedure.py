@@ -52,7 +52,7 @@ from calibench.discrepancy.noise.laws import OF_NOISE, NoiseFinding
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.remarks import Search, notes_of
-from calibench.discrepancy.search.finding import FREE_PERIOD, parted_by, with_sizes
+from calibench.discrepancy.search.finding import FREE_PERIOD, also_told_by, parted_by, with_sizes
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
 from calibench.discrepancy.search.smoother import NEAR, fit_smooth, unnamed_of
 from calibench.discrepancy.search.standing import renewed
@@ -161,6 +161,8 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
             text = f"the formula was looked for on {kept} of {rows} rows, evenly spaced, and fitted to all of them"
             note = Note(Code.ROWS_THINNED, text, values={"kept": kept, "rows": rows})
             notes_of_noise = (*notes_of_noise, note) if kept < rows else notes_of_noise
+    if standing is not None and verdict in ("unknown", "partly"):  # what was found may explain the rows
+        standing = standing_out(final, unseen)
     doubted = base.noise.profiled and not unknown_noise_of(base.model.formulation)
     others = _at_other_noise(base, known.candidates, terms, suspects, rest, seed, level) if doubted else ()
     # the sizes of all rows; the gap stays that of names and sizes of the searched rows, on rows that were not fitted
@@ -171,9 +173,12 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
         effects = {own[0].name: own[0].effect for own in selection.sets}
         findings = tuple(with_sizes(f, effects[f.effect], sized) if f.effect in effects else f for f in findings)
         final = fit_at(final.model, final.noise, sized.x, readings_of(final.at.model), True)
-    doubt = reports.Caution(reports.Doubt.UNCONFIRMED)  # of a wave of fitted period, until another set confirms it
+    doubt = reports.Doubt.UNCONFIRMED  # of a wave of fitted period, until another set confirms it
     waves = {f.effect for f in findings if FREE_PERIOD in (c.name for c in f.coefficients)}
-    findings = tuple(replace(f, caution=(*f.caution, doubt)) if f.effect in waves else f for f in findings)
+    findings = tuple(
+        replace(f, caution=(*f.caution, reports.Caution(doubt, also_told_by(f, final)))) if f.effect in waves else f
+        for f in findings
+    )
     search = Search(
         machine=machine.name, base=base, final=final, selection=selection, verdict=verdict, findings=findings,
         gap=gap, lone=lone, standing=standing, no_noise=first.no_noise,

@@ -9,9 +9,12 @@ from math import isfinite, nan
 from typing import Any, Literal, cast, final, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibench.core.notes import Note
 from calibench.core.plain import finite, value_of
+from calibench.core.tables.cells import between, factor_to_base, is_unit
+from calibench.core.tables.columns import is_table, named_columns
 from calibench.core.words import html_table
 from calibench.discrepancy.diagnostics.smooth_term import smooth_columns
 from calibench.discrepancy.fitting.fit import ResidualProblem
@@ -20,8 +23,8 @@ from calibench.discrepancy.model.formulations import BLOCK
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured import TO_PREDICT, DataError, MeasuredData
 from calibench.discrepancy.model.model import Model
-from calibench.discrepancy.model.roles import inputs_of
-from calibench.discrepancy.registries import machines
+from calibench.discrepancy.model.roles import inputs_of, roles_of
+from calibench.discrepancy.registries import description_of, machines
 from calibench.problems.base import Array
 
 SCHEMA_VERSION = 1
@@ -405,18 +408,21 @@ class Report:
     def predict(self, readings: MeasuredData | Mapping[str, Any], machine: str | Machine | None = None) -> Prediction:
         """Return the prediction of the machine with its findings for new `readings`; measured columns may be missing.
 
-        Readings that are a mapping, name -> n numbers, are in the units in which the machine is fitted. `machine` makes
-        the columns of the fit from those of a file; by default it is the machine that was searched. Raises `DataError`
-        for a missing input, `LookupError` for a report that was read from a file.
+        Readings may be a mapping, name -> n numbers, or a table of pandas. A unit may stand in a name, ``x [mm]``; what
+        states none is in the unit in which the machine is fitted. `machine` makes the columns of the fit from those of
+        a file; by default it is the machine that was searched. Raises `DataError` for a missing input, `LookupError`
+        for a report that was read from a file.
         """
         at, plain = self._fitted().model, self._fitted().before
         maker = machine or self._fitted().machine or (self.machine if self.machine in machines.names() else None)
 
         if not isinstance(readings, MeasuredData):
-            if not callable(getattr(readings, "items", None)):
-                kind = type(readings).__name__
-                raise DataError(f"readings is a {kind}: MeasuredData, or a mapping of name to numbers, is needed")
-            readings = MeasuredData({name: np.atleast_1d(c) for name, c in readings.items()}, self.machine)
+            if not is_table(readings):
+                kind, needed = type(readings).__name__, "MeasuredData, a table or a mapping of name to numbers"
+                raise DataError(f"readings is a {kind}: {needed} is needed")
+            each = {str(name): np.atleast_1d(readings[name]) for name in readings.keys()}  # noqa: SIM118  # of pandas
+            given = named_columns(each, "readings", at.model.formulation.data.columns)
+            readings = MeasuredData(given.columns, self.machine, name="readings", units=given.units)
         with np.errstate(invalid="ignore"):  # what is not known of a row makes its prediction NaN
             return predicted_at(at.model, at.best, at.fit.covariance(), plain.best, readings, maker)
 
@@ -468,12 +474,14 @@ class Prediction:
     the findings in it; the noise of a reading comes on top. `residuals`, (n, c), are measured less predicted; NaN in
     rows that hold no measured value. A machine that predicts has one measured column in each constraint, with a slope
     of 1 or -1: its prediction is that column less the constraint. For one that states only constraints, `measured` is
-    empty, and `residuals` are the constraints at the new readings.
+    empty, and `residuals` are the constraints at the new readings. `beyond` is column -> (n,) of booleans, for inputs
+    and columns of the findings of which some rows lie outside what was fitted: there `sd` is too small.
     """
 
     measured: Mapping[str, Array] = field(default_factory=dict)
     sd: Mapping[str, Array] = field(default_factory=dict)
     residuals: Array = field(default_factory=lambda: np.empty((0, 0)))
+    beyond: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
 
 
 def predicted_at(
@@ -501,7 +509,8 @@ def predicted_at(
                 f"{data.name}: no value of {', '.join(lost)} in every row; {data.machine} states what vanishes "
                 "and predicts no reading, so all that it reads is needed"
             )
-        return Prediction(residuals=np.asarray(at.formulation.constraints(at.quantities(x)[1])).real[order])
+        residuals = np.asarray(at.formulation.constraints(at.quantities(x)[1])).real[order]
+        return Prediction(residuals=residuals, beyond=_beyond(model, there.data, order))
     signs = {name: np.sign(sign) for name, sign in signs.items()}
     found = {name: np.asarray(there.data[name], dtype=float) for name in signs}
     before = {name: np.where(known[name], value, np.nan) for name, value in found.items()}
@@ -522,8 +531,37 @@ def predicted_at(
     return Prediction(
         {name: np.where(read[name], value, np.nan)[order] for name, value in found.items()},
         {n: np.where(read[n], (np.abs(sign) * spread).sum(axis=1), np.nan)[order] for n, sign in signs.items()},
-        left[order],
-    )
+        left[order], _beyond(model, there.data, order),
+    )  # fmt: skip
+
+
+def _beyond(model: Model, new: MeasuredData, order: NDArray[np.intp]) -> dict[str, NDArray[np.bool_]]:
+    """Return the columns of which `new` rows lie outside what was fitted, and which rows."""
+    fitted = model.formulation.data
+    met = {*inputs_of(model.formulation), *(c for effect in model.effects for c in effect.columns)}
+    found = {}
+    for name in (c for c in fitted.columns if c in met and c in new and c not in model.formulation.readings):
+        if fitted[name].dtype.kind in "iuf":
+            found[name] = ((new[name] < np.min(fitted[name])) | (new[name] > np.max(fitted[name])))[order]
+    return {name: out for name, out in found.items() if out.any()}
+
+
+def _in_units_of(formulation: Formulation, data: MeasuredData) -> MeasuredData:
+    """Return the data with each column whose unit is stated in the unit in which it is fitted."""
+    joints = {joint.reading: joint.unit for joint in roles_of(formulation).joints}
+    declared = joints | {sensor.column: sensor.unit for sensor in formulation.sensors}
+    known = {name: unit for name, unit in declared.items() if is_unit(unit)} | dict(formulation.data.units)
+    own = description_of(formulation.data.machine).own_units  # then the unit of the fit is its owner's
+    turned, units = {}, dict(data.units)
+    for name, unit in data.units.items():
+        try:
+            units[name] = known.get(name) or (unit if own or not is_unit(unit) else factor_to_base(name, unit)[0])
+            factor = 1.0 if units[name] == unit else between(name, unit, units[name])
+        except ValueError:
+            raise DataError(f"{data.name}: column {name} is in {unit}, and in the fit in {units[name]}") from None
+        if factor != 1:
+            turned[name] = np.asarray(data[name], dtype=float) * factor
+    return replace(data.with_columns(turned), units=units)
 
 
 def _placed(
@@ -531,6 +569,7 @@ def _placed(
 ) -> tuple[Formulation, dict[str, Array]]:
     """Return the formulation over new rows, and in which of them each reading has a value, (n,) of booleans."""
     n, fitted = len(data), formulation.data
+    data = _in_units_of(formulation, data)
     of_new = getattr(formulation, "of_new", None)
     if of_new is not None:
         data = of_new(replace(data, metadata={**fitted.metadata, **data.metadata}))

@@ -24,7 +24,7 @@ from calibench import discrepancy
 from calibench.bench.discovery.store import FindingStore, SearchRecord
 from calibench.bench.gate.endings import place_of, text_of
 from calibench.bench.gate.processes import CAN_FORK, WorkerPool
-from calibench.bench.measured.files import pairs_of
+from calibench.bench.measured.files import pairs_of, read_measured
 from calibench.bench.measured.sources import Source, sets, sources
 from calibench.bench.provenance.code_digest import digest_of
 from calibench.bench.provenance.environment import provenance
@@ -37,6 +37,7 @@ from calibench.core.options import Option, coerce, declared_options, read_word, 
 from calibench.core.process import meanwhile
 from calibench.core.seeds import digest
 from calibench.core.sources import module_digest
+from calibench.core.tables.columns import is_table
 from calibench.core.words import one_line, print_plain
 from calibench.discrepancy.checks.validate import refuse_no_machine
 from calibench.discrepancy.design.detectability import Design, design
@@ -428,7 +429,7 @@ def _asked(machine: Machine, data: MeasuredData, rivals: list[str], size: float)
         return None
 
 
-Readings = str | Path | MeasuredData
+Readings = str | Path | MeasuredData | Mapping[str, Any]  # of columns by name, as a DataFrame has them
 
 
 def discover(
@@ -436,24 +437,29 @@ def discover(
 ) -> Report:
     """Return what is missing from the model of `machine`, a registered name, ``FILE.py:Class`` or an object.
 
-    `data` is what ``data=`` names on the command line (a file, or a set that ships), or data that are read already.
+    `data` is what ``data=`` names on the command line (a file, or a set that ships), columns by name with the heads of
+    a file (a DataFrame, a mapping), or data that are read already.
     `across` are other sets of the same machine, in the same forms: `report.across` says which findings they carry.
     `words` are options of the machine (``call="sim.py:run"``), and what the file should state and does not
     (``sigma_enc=5e-5``, in the units of docs/discover.md). Raises `DataError` in one line for data that cannot be used,
     and for a word that is neither.
     """
     made, stated = _made_with(machine, words)
-    if not isinstance(data, MeasuredData):
+    if isinstance(data, str | Path):
         found = sets(str(data), made.name, stated)
         if len(found) > 1:
             raise DataError(f"discover: {data} names {len(found)} sets of data; one is needed")
         data = found[0].read(stated)
+    elif not isinstance(data, MeasuredData):
+        data = read_measured(data, made, stated)
     elif stated:
         raise TypeError(f"discover: {', '.join(stated)} goes with a file; data that are read already have their own")
     others: list[MeasuredData] = []
-    for one in [across] if isinstance(across, str | Path | MeasuredData) else across:
+    for one in [across] if isinstance(across, str | Path | MeasuredData) or is_table(across) else across:
         if isinstance(one, MeasuredData):
             others.append(one)
+        elif is_table(one):
+            others.append(replace(read_measured(one, made, stated), name=f"across_{len(others) + 1}"))
         else:
             others += [replace(o.read(stated), name=o.case) for o in sources(str(one), made.name, "across")]
     report = discrepancy.explain(made, data)

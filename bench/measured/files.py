@@ -32,14 +32,27 @@ from calibench.bench.store.atomic_file import write_whole
 from calibench.core.notes import Code, DataError, Note
 from calibench.core.options import read_word, shown
 from calibench.core.tables import data_file
-from calibench.core.tables.columns import Columns, Declared, as_words, check_letters, columns_of, in_base_units, rename
+from calibench.core.tables.columns import (
+    Columns,
+    Declared,
+    as_words,
+    check_letters,
+    columns_of,
+    in_base_units,
+    is_table,
+    named_columns,
+    rename,
+)
 from calibench.core.tables.csv_table import Table, heads, read_excel, read_table
 from calibench.core.words import DEEPEST, counted, depth, shortened
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from calibench.discrepancy.model.machine import Machine
     from calibench.discrepancy.model.measured import MeasuredData
 
+    Given = str | Path | Mapping[str, Any] | pd.DataFrame  # a file, or columns by name
 
 KEY = "measured_data"
 SCHEMA_VERSION = 1
@@ -68,10 +81,10 @@ def declared_by(machine: str | Machine) -> Declared:
 
 
 def read_measured(
-    path: str | Path, machine: str | Machine = "", stated: Mapping[str, Any] | None = None,
+    path: Given, machine: str | Machine = "", stated: Mapping[str, Any] | None = None,
     columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
 ) -> MeasuredData:  # fmt: skip
-    """Return the data in `path`. `machine`, a name or an object, must be the file's, if it states one.
+    """Return the data in `path`, or in columns by name. `machine`, a name or an object, must be what a file states.
 
     `stated` goes before its metadata.
 
@@ -81,7 +94,7 @@ def read_measured(
     """
     named = {key: value for key, value in (("columns", columns), ("units", units)) if value is not None}
     content = read_columns(path, declared_by(machine), {**(stated or {}), **named})
-    return as_measured(content, Path(path).stem, stated or {})
+    return as_measured(content, Path(path).stem if isinstance(path, str | Path) else "data", stated or {})
 
 
 def as_measured(content: Columns, name: str, stated: Mapping[str, Any]) -> MeasuredData:
@@ -94,18 +107,20 @@ def as_measured(content: Columns, name: str, stated: Mapping[str, Any]) -> Measu
 
 
 def read_columns(
-    path: str | Path, declared: Declared, stated: Mapping[str, Any] | None = None, part: bool = False
+    path: Given, declared: Declared, stated: Mapping[str, Any] | None = None, part: bool = False
 ) -> Columns:
     """Return the columns in `path` in base units, by what their machine declares; none declared: the file states it.
+
+    In place of a path columns may be given by name, with heads as in a file.
 
     `stated` goes before the file's metadata, and under ``columns`` and ``units`` names and units; of a file that is
     `part` of a table these may name what others hold. Raises `DataError` in one line that begins with the path.
     """
-    path = Path(path)
+    where = Path(path) if isinstance(path, str | Path) else "data"
     try:
-        raw = _read(path, declared)
+        raw = _read(where, declared) if isinstance(where, Path) else _named(path)
         content = raw if isinstance(raw, Columns) else columns_of(raw, declared)
-        before = raw.metadata if isinstance(raw, Columns) else _metadata(path, raw.comment)
+        before = raw.metadata if isinstance(raw, Columns) else _metadata(Path(where), raw.comment)
         metadata = {**before, **(stated or {})}
         of, machine = str(metadata.get("machine", declared.machine)), declared.machine
         if not of:
@@ -119,11 +134,23 @@ def read_columns(
         content = in_base_units(rename(content, names, units, declared, part=part), declared)
         return replace(content, metadata={**metadata, "machine": machine or of})
     except FileNotFoundError:
-        raise DataError(f"{path}: there is no such file") from None
+        raise DataError(f"{where}: there is no such file") from None
     except (ValueError, pa.ArrowException, NotImplementedError) as error:
-        raise DataError(f"{path}: {_one_line(error)}") from None
+        raise DataError(f"{where}: {_one_line(error)}") from None
     except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror or _one_line(error)}") from None
+        raise DataError(f"{where}: cannot be read: {error.strerror or _one_line(error)}") from None
+
+
+def _named(given: Any) -> Columns:
+    """Return columns that are given by name, a mapping or a table of pandas; words among them as of a file."""
+    if not is_table(given):
+        raise DataError(f"is a {type(given).__name__}: a file, MeasuredData, a DataFrame or a mapping is needed")
+    named = named_columns(given)
+    columns = {
+        name: _as_numpy(name, pa.chunked_array([pa.array(column, from_pandas=True)]))
+        for name, column in named.columns.items()
+    }
+    return replace(named, columns=columns)
 
 
 def write_measured(data: MeasuredData, path: str | Path) -> Path:

@@ -7,12 +7,12 @@ Packed times, 20200714163904, are times, and so are ms, us and ns since 1970 whe
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, final
+from typing import Any, TypeGuard, final
 
 import numpy as np
 
@@ -142,6 +142,25 @@ class Declared:
 
 
 ANY = Declared()
+
+
+def is_table(given: object) -> TypeGuard[Mapping[str, Any]]:
+    """Tell whether columns are given by name: a mapping, or a table of pandas."""
+    return hasattr(given, "keys") and hasattr(given, "__getitem__")
+
+
+def named_columns(given: Any, name: str = "data", bare: Collection[str] = ()) -> Columns:
+    """Return the columns of a mapping or of a table of pandas, and the units that stand in their heads, ``x [m]``.
+
+    Heads that are `bare` are names as they are. Raises `DataError` for columns that differ in length.
+    """
+    columns = {str(key): np.asarray(given[key]) for key in given.keys()}  # noqa: SIM118  # of a DataFrame
+    shapes = {key: column.shape for key, column in columns.items()}
+    if len(set(shapes.values())) != 1 or len(next(iter(shapes.values()))) != 1:
+        raise DataError(f"{name}: columns of one length are needed, and these have {shapes or 'none'}")
+    names, units = heads([key for key in columns if key not in bare])
+    told = iter(names)
+    return Columns({key if key in bare else next(told): column for key, column in columns.items()}, units=units)
 
 
 def columns_of(table: Table, declared: Declared = ANY) -> Columns:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from calibench.core.notes import Code, DataError as DataError, Note
 from calibench.core.options import shown, suggest
 from calibench.core.tables.cells import NO_VALUE, between, is_unit, way_out
-from calibench.core.words import as_columns
+from calibench.core.words import as_columns, shortened
 from calibench.problems.base import Array
 
 Column = NDArray[Any]
@@ -33,7 +33,7 @@ class MisfitError(DataError):
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MeasuredData:
     """Readings of one machine: `columns` name -> array (n,), `metadata` what was stated about them (noise, nominal …).
 
@@ -62,6 +62,10 @@ class MeasuredData:
             raise DataError(f"{self.name}: there are no columns")
         if len(set(shapes.values())) > 1 or len(next(iter(shapes.values()))) != 1:
             raise DataError(f"{self.name}: columns differ in shape: {shapes}")
+
+    def __repr__(self) -> str:
+        """Return what was read, in a line."""
+        return f"<{self.name} of {self.machine}: {len(self)} rows of {shortened(', '.join(self.in_file), 120)}>"
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))

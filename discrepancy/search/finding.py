@@ -12,13 +12,14 @@ from itertools import combinations
 
 import numpy as np
 
+from calibench.discrepancy.diagnostics.smooth_term import curve
 from calibench.discrepancy.fitting.fit import Fit, amplitude_interval, orthonormal, project_off
 from calibench.discrepancy.labels import effect_label, quantity_label
-from calibench.discrepancy.model.effect import ChangePoint, Effect, OfFreePeriod, over_of
+from calibench.discrepancy.model.effect import ChangePoint, Effect, OfFreePeriod, name_of, over_of
 from calibench.discrepancy.model.formulations import Predicted
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model, signature
-from calibench.discrepancy.model.roles import roles_of, words_of
+from calibench.discrepancy.model.roles import columns_of, inputs_of, roles_of, words_of
 from calibench.discrepancy.registries import description_of, family_of
 from calibench.discrepancy.report import Amplitude, Caution, Coefficient, Doubt, Finding, Rival
 from calibench.discrepancy.search.form import forms_of
@@ -32,6 +33,7 @@ BEGINS = "from"  # the coefficient that the place from which an effect acts is t
 _SAME = 1e-6  # of a signature: rounding, and what is of second order
 _PARTS = "look at the parts themselves"
 _TOGETHER = 0.5  # part of a column's variance: another column that explains so much goes together with it
+_FEW_INPUTS = 6  # that a sentence lists
 _NOT_POSES = "a known length, a second instrument, or a reading of another kind"
 
 
@@ -59,19 +61,20 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     few, profiled = len(found.r) <= t.few_residuals, found.noise.profiled
     share = t.weight_left_out_few if few or (profiled and over_of(effect)) else t.weight_left_out
     share = t.weight_left_out_untold if few and profiled else share
-    # where the column of a rival on the same part differs from that of the first by less than formulas may be off, as a
-    # temperature that rises with time, the better fit of one of the two is no reason to leave the other out
+    # where the column of a rival on the same part, or of its family, differs from that of the first by less than
+    # formulas may be off, as a temperature that rises with time, the better fit of one is no reason to leave the other
+    # out
     data, least = found.model.formulation.data, 1 - t.formula_error
     followed = {o.name: name for o in options if (name := _followed(o.effect, data))}
     along = followed.get(best.name, "")
-    rivals = [o.name for o in options[1:] if along and o.effect.target == effect.target]
-    rivals = [name for name in rivals if followed.get(name, along) != along]
-    rivals = [name for name in rivals if _told_by(data[along], data[followed[name]]) > least]
-    weights = _held(known, (best.name, *rivals), share)
+    rivals = [o for o in options[1:] if along and followed.get(o.name, along) != along]
+    rivals = [o for o in rivals if _told_by(data[along], data[followed[o.name]]) > least]
+    alike = [o.name for o in rivals if o.effect.target == effect.target or _are_alike(o.effect, effect, found)]
+    weights = _held(known, (best.name, *alike), share)
     for o in options:
-        alike = [name for name in (o.name, *o.effect.twins) if name in known]
-        if any(name in weights for name in alike):  # of two that no data can part, none is less likely
-            weights |= {name: known[name] for name in alike}
+        twins = [name for name in (o.name, *o.effect.twins) if name in known]
+        if any(name in weights for name in twins):  # of two that no data can part, none is less likely
+            weights |= {name: known[name] for name in twins}
     total = sum(weights.values())
     ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
     sizes: dict[str, Amplitude] = {}  # beside the other picks, where the fit was kept
@@ -146,6 +149,36 @@ def with_cautions(findings: Sequence[Finding], whole: Mapping[str, float]) -> tu
     return tuple(larger)
 
 
+def also_told_by(finding: Finding, found: Fit) -> tuple[str, ...]:
+    """Return the other columns of which a wave in the fit `found` is a smooth function over its rows.
+
+    A wave as long as the time from trial to trial is one of the time within a trial.
+    """
+    formulation = found.model.formulation
+    [effect] = [e for e in found.model.effects if name_of(e) == finding.effect]
+    data, q = formulation.data, found.at.recorded
+    c, met = found.x[found.model.place_of(effect)], (*inputs_of(formulation), *columns_of(roles_of(formulation)))
+    [wave] = effect.shift(q, data, c).values()
+    rivals = {rival.target for rival in finding.set}
+    others = [u for u in dict.fromkeys(met) if u not in effect.columns and not any(u in target for target in rivals)]
+    return tuple(u for u in others if u in data and data[u].dtype.kind in "iuf" and _is_smooth_over(data[u], wave))
+
+
+def _is_smooth_over(column: Array, values: Array) -> bool:
+    """Tell whether a smooth curve over a column explains values (n,) but for what a formula may be off."""
+    u, t = np.asarray(column, dtype=float), thresholds()
+    terms = curve(u, float(u.min()), float(u.max()), min(t.curve_terms, len(np.unique(u))))
+    free, rest = len(u) - terms.shape[1], values - terms @ np.linalg.lstsq(terms, values, rcond=None)[0]
+    return bool(free > 0 and rest @ rest / free < t.formula_error * np.var(values))
+
+
+def _are_alike(one: Effect, other: Effect, found: Fit) -> bool:
+    """Tell whether two effects of one family change the same quantities."""
+    q, data = found.at.recorded, found.model.formulation.data
+    changed, others = ({*effect.basis(q, data, np.zeros(len(effect.coefficients)))} for effect in (one, other))
+    return one.family == other.family and changed == others
+
+
 def _followed(effect: Effect, data: MeasuredData) -> str:
     """Return the only column that an effect depends on, where it holds numbers; else ""."""
     name = effect.columns[0] if len(effect.columns) == 1 else ""
@@ -210,7 +243,10 @@ def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
         tells = f"here the one tells {100 * share:.0f} % of the other"
         parted = f"{columns}readings in which {both} do not go together: {tells}"
     if not alike:
-        return parted
+        inputs = [quantity_label(machine, name, words) for name in inputs_of(formulation)]
+        listed = " and ".join(filter(None, (", ".join(inputs[:-1]), *inputs[-1:])))
+        wider = f", such as over wider ranges of {listed}" if 0 < len(inputs) <= _FEW_INPUTS else ""
+        return f"{parted}{wider}" if share < _TOGETHER else parted
     pairs = [" from ".join(effect_label(machine, e.family, e.target) for e in pair) for pair in alike]
     return f"{parted}; no pose parts {', nor '.join(pairs)}: that takes {_NOT_POSES}"
 

@@ -303,6 +303,7 @@ _TOLD = 0.8  # share of a course's variance that waves a turn, or line, bend and
 _SMALL = 0.2  # part of the largest error of its kind: a smaller one is not told
 _PLACE = 0.35  # part of the range: an error of which `_TOLD` of the squares lie in less is at one place
 _TELLS = 0.1  # share of a course's variance: a smaller one is not told
+_TURNS_BACK = 0.1  # of its range, by which a curve must turn back for another wave
 
 
 def unnamed_of(final: Fit) -> tuple[Unnamed, ...]:
@@ -365,8 +366,18 @@ def _course(grid: Array, values: Array, turn: float, place: str) -> str:
         return _shares(powers, _POWERS)
     if place:
         return place
-    turns = int((np.diff(np.sign(np.diff(values))) != 0).sum())
-    return f"about {(turns + 1) / 2:g} waves over the range"
+    return f"about {(_turns(values, _TURNS_BACK * np.ptp(values)) + 1) / 2:g} waves over the range"
+
+
+def _turns(values: Array, least: float) -> int:
+    """Return how often a function turns back by more than `least`."""
+    turns, way, low, high = 0, 0, values[0], values[0]
+    for value in values:
+        low, high = min(low, value), max(high, value)
+        if (way >= 0 and high - value > least) or (way <= 0 and value - low > least):
+            turns, way = turns + abs(way), -1 if high - value > least and way >= 0 else 1
+            low = high = value
+    return turns
 
 
 def _shares(powers: Sequence[float], words: Sequence[str]) -> str:

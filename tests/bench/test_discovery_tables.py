@@ -55,6 +55,7 @@ def _candidate(family, target, fraction, least, unit, span=float("nan")):
 def test_the_smallest_size_over_a_column_is_told_per_unit_of_it_as_a_finding_is():
     over = _candidate("parameter_over", "k over temp_K", 0.5, 2.0, "mm", 10.0)
     assert smallest(over) == "0.200 mm per unit of temp_K"
+    assert smallest(_candidate("parameter_over", "k over t_s", 0.5, 2.0, "mm", 10.0)) == "0.200 mm per s"
     assert smallest(_candidate("link_length", "la1", 0.5, 2.0, "mm")) == "2.00 mm"
 
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from calibench.bench.discovery.page.words import clearest_place, column_sentence, next_sentences
+from calibench.bench.discovery.page.words import clearest_place, column_sentence, doubt_sentences, next_sentences
 from calibench.discrepancy.model.effect import Untestable
-from calibench.discrepancy.report import Place
+from calibench.discrepancy.report import OtherNoise, Place
 from tests.bench.test_discovery_page import FINDING, told
 
 
@@ -17,6 +17,17 @@ def test_a_place_is_told_where_it_shows(p, shown):
     assert clearest_place(report) == (place if shown else None)
     [advice, *_] = next_sentences(report)
     assert ("spread evenly over time" in advice) == shown
+
+
+def test_a_rate_is_no_column_that_readings_can_be_spread_over():
+    report = replace(told(verdict="unknown"), where=(Place("y", "rate of power", 1e-9),))
+    assert "repeats, in which power changes at many speeds, would show" in next_sentences(report)[0]
+
+
+@pytest.mark.parametrize(("verdict", "said"), [("unknown", "as much would be without a name"), ("none", "missing")])
+def test_a_search_at_another_noise_that_names_nothing_says_what_it_finds(verdict, said):
+    [line] = doubt_sentences(replace(told(verdict="unknown"), other_noise=(OtherNoise(0.5, verdict),)))
+    assert line.endswith(f"{said}.")
 
 
 def test_rivals_of_each_finding_are_told_how_to_part():

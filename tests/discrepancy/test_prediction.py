@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from calibench import discrepancy
@@ -113,6 +114,28 @@ def test_a_printer_predicts_from_the_steps_of_its_file():
     told = report.predict(replace(few, columns={n: few[n] for n in few.columns if n not in ("height", "distance")}))
     np.testing.assert_allclose(told.measured["height"], report.predict(probes).measured["height"][:5])
     assert np.abs(report.predict(few).residuals).max() < 0.2
+
+
+@pytest.mark.parametrize("kind", [dict, pd.DataFrame])
+def test_heads_with_units_are_read_and_turned_into_those_of_the_fit(report, kind):
+    new = readings(5, 3)[0]
+    heads = {"angle [deg]": np.rad2deg(new["angle"]), "load [N m]": 1e-3 * new["load"], "x [um]": 1e3 * new["x"]}
+    told = report.predict(kind(heads | {"y": new["y"], "day [d]": np.ones(5)}))
+    np.testing.assert_allclose(told.residuals, report.predict(new).residuals, atol=1e-9)
+    with pytest.raises(DataError, match="readings: column angle is in mm, and in the fit in rad"):
+        report.predict({"angle [mm]": [0.1], "load": [0.0]})
+
+
+def test_rows_beyond_what_was_fitted_are_told_by_column(report):
+    assert report.predict({"angle": [0.5], "load": [0.0]}).beyond == {}
+    beyond = report.predict({"angle": [0.5, 2.0, -3.0], "load": [0.0, 0.0, 0.0]}).beyond
+    assert {name: out.tolist() for name, out in beyond.items()} == {"angle": [False, True, True]}
+
+
+def test_data_are_shown_in_a_line():
+    data = MeasuredData({f"column_{k}": np.zeros(900) for k in range(300)}, "table", {}, "run")
+    assert repr(data).startswith("<run of table: 900 rows of column_0, column_1, ")
+    assert len(repr(data)) < 200
 
 
 def test_readings_may_be_a_mapping_of_columns(report):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from types import SimpleNamespace
 
@@ -70,6 +71,10 @@ def test_of_three_names_the_two_that_no_pose_parts_are_told_beside_the_third():
         "more readings where their signatures differ; no pose parts scale error of slide from scale "
     )
     assert said.endswith("that takes a known length, a second instrument, or a reading of another kind")
+    nothing = SimpleNamespace(J=at.J[:0])
+    pair = [SimpleNamespace(effect=known[name], fit=nothing) for name in ("gear elbow", "eccentricity shoulder")]
+    apart = _separated_by(pair, at)
+    assert re.fullmatch("more readings where their signatures differ, such as over wider ranges of .* and .*", apart)
 
 
 def test_poses_are_made_up_for_no_machine_whose_closure_is_all_that_is_known():

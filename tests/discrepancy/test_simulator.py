@@ -14,6 +14,7 @@ from hashlib import blake2b
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from calibench import discover, testing
@@ -202,6 +203,22 @@ def test_from_python_options_are_keywords_or_the_machine_is_an_object(spring, tm
         read_measured(file, {})
 
 
+def test_data_may_be_a_table_of_pandas_with_the_heads_of_a_file(spring, tmp_path):
+    data = readings(play=0.03)
+    file = write_measured(replace(data, units={"u": "s", "y": "m"}), tmp_path / "play.csv")
+    table = pd.read_csv(file, comment="#")
+    assert {"u [s]", "y [m]"} <= {*table}
+    call = f"{spring}:answer"
+    read, told = read_measured(table, "simulator"), discover("simulator", file, call=call, time="t")
+    assert (read["split"].tolist(), dict(read.units)) == (data["split"].tolist(), {"u": "s", "y": "m"})
+    assert discover("simulator", table, call=call, time="t").findings == told.findings
+    assert discover("simulator", dict(table.rename(columns={"u [s]": "x"})), call=call, time="t", columns={"u": "x"})
+    with pytest.raises(DataError, match=r"^data: is a list: .* a DataFrame or a mapping is needed"):
+        discover("simulator", [1.0, 2.0], call=call)
+    with pytest.raises(ValueError, match=r"simulator.call: a function in memory; .* FILE.py:NAME"):
+        discover("simulator", table, call=readings)
+
+
 def _far(rows: np.ndarray, held: bool) -> MeasuredData:
     """Return sound readings, of which `rows` of z are off by 15 standard deviations, up and down in turn."""
     data = readings()
@@ -233,6 +250,12 @@ def test_the_general_families_are_looked_for_without_a_word_of_a_simulator(sprin
     assert {"gear", "backlash", "instrument_scale", "free_number", "power", "periodic_error"} <= found
     names = {name_of(effect) for effect in catalogue(simulator(spring).formulate(readings())).candidates}
     assert {"input_offset u", "output_offset z", "parameter_over k over box", "free_number mass"} <= names
+
+
+def test_nobody_is_told_to_write_the_joints_of_a_simulator(spring):
+    reasons = {one.reason for one in catalogue(simulator(spring).formulate(readings())).untestable}
+    assert "nobody states the period of u" in reasons
+    assert not any("Joint(" in reason for reason in reasons)
 
 
 def test_a_size_at_an_input_without_a_unit_names_the_input(spring):
@@ -520,9 +543,24 @@ def test_an_input_in_seconds_is_the_time_within_a_trial_unless_another_is_stated
 def test_the_report_predicts_new_rows_and_says_how_often_it_called(spring):
     report = explain(simulator(spring), readings())
     [note] = [note for note in report.notes if note.code is Code.SIMULATOR_CALLS]
-    assert note.values["rows"] > 120
+    assert note.values["rows"] == note.values["run"] > 120
+    assert "times the table, all in " in note.text
+    assert "kept" not in note.text
     ahead = report.predict({"u": [0.5, -0.5], "t": [1.0, 1.0], "u_dir": [1, 1], "box": [0, 0]})
     np.testing.assert_allclose(ahead.measured["y"], np.array([0.5, -0.5]) / 2.2 * (1 - np.exp(-1 / 0.55)), atol=2e-3)
+
+
+@pytest.mark.parametrize("clock", ["t", "t_s"])
+def test_columns_that_were_computed_for_the_fit_are_computed_for_new_rows(spring, clock):
+    data = readings().with_columns({"t_s": np.arange(120.0)})
+    fitted = simulator(spring, time=clock).formulate(data).data
+    computed = sorted(name for name in fitted.computed if name.startswith(("rate of", "direction of")))
+    assert computed == (["rate of y", "rate of z"] if clock == "t" else ["direction of t", "rate of t", "rate of u"])
+    of_new = simulator(spring, time=clock).formulate(data).of_new
+    for name in computed:
+        np.testing.assert_allclose(of_new(data)[name], fitted[name])
+        np.testing.assert_allclose(of_new(data.with_columns({"u": data["u"] + 1e-9}))[name], fitted[name], atol=1e-6)
+        assert of_new(data.with_columns({name: np.ones(120)}))[name].tolist() == [1.0] * 120
 
 
 def test_time_within_a_trial_gives_outputs_a_rate_and_so_a_lag(spring):

@@ -13,6 +13,7 @@ import pytest
 
 from calibench.bench.discovery.page.page import limits
 from calibench.bench.discovery.page.words import headline, left_sentence, shortest_words, unnamed_sentences
+from calibench.core.notes import Code
 from calibench.discrepancy import Constraints, Joint, MeasuredData, Roles, explain
 from calibench.discrepancy.report import Left, Nearest, Place, Report, Shortest, Unnamed
 from calibench.discrepancy.search.smoother import _course, _place
@@ -84,6 +85,7 @@ def test_an_error_at_one_place_is_told_by_that_place(middle: float) -> None:
     [one] = [one for one in report.unnamed if one.covariate == "clock"]
     low, high = map(float, re.findall(r"most of it at one place, from (\d+) to (\d+)", one.course)[0])
     assert 3600 * (middle - 0.12) < low < 3600 * middle < high < 3600 * (middle + 0.12)
+    assert not [note for note in report.notes if note.code is Code.ROWS_STAND_OUT]  # what was found explains them
 
 
 def test_what_grows_towards_an_end_is_told_as_an_end_and_what_is_everywhere_by_its_shape() -> None:
@@ -96,6 +98,12 @@ def test_what_grows_towards_an_end_is_told_as_an_end_and_what_is_everywhere_by_i
         (np.sin(9 * grid), "waves over the range"),
     ):
         assert shape in _course(grid, everywhere, 0.0, _place(grid, everywhere, "N", 1.0))
+
+
+def test_a_ripple_is_no_further_wave() -> None:
+    at = np.linspace(0.0, 1.0, 400)
+    rippled = np.sin(8 * np.pi * at) + 0.03 * np.sin(90 * np.pi * at)
+    assert _course(at, rippled, 0.0, "") == "about 4.5 waves over the range"
 
 
 def test_waves_that_are_too_short_to_be_looked_for_are_told() -> None:
@@ -117,6 +125,10 @@ def test_the_nearest_formula_is_told_where_it_is_a_hint() -> None:
         "Of the formulas scale error of slide is the nearest: it explains 87 % of what is more than noise, and "
         "what it leaves is still no noise. Look there first.",
     ]
+    weak = replace(report, nearest=Nearest("gear slide", "gear", "slide", 0.3))
+    assert unnamed_sentences(weak)[1].endswith(
+        "it explains 30 % of what is more than noise, and what it leaves is still no noise."
+    )
     far = Report("run", "any", "unknown", nearest=Nearest("gear slide", "gear", "slide", 0.1))
     assert unnamed_sentences(far) == []
     whole = Report("run", "any", "unknown", nearest=Nearest("gear slide", "gear", "slide", 1.0))

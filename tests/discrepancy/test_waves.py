@@ -17,9 +17,10 @@ from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.effects.general import FAMILIES
 from calibench.discrepancy.effects.general.harmonics import PERIODIC
 from calibench.discrepancy.fitting.fit import fit
-from calibench.discrepancy.model.effect import OfFreePeriod, is_possible
+from calibench.discrepancy.model.effect import OfFreePeriod, has_free_period, is_possible
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
+from calibench.discrepancy.search.finding import amplitude_of
 from calibench.problems import Parameter
 from tests.discrepancy.test_general_families import OUTSIDE, WEATHER, Arm, readings
 
@@ -49,6 +50,19 @@ def _more_waves(q, d):
     return {"b": _waves(q, d)["b"] + 4e-4 * np.sin(11.2 * q["b"] - 0.5)}
 
 
+def test_the_height_of_a_wave_is_a_size_and_none_per_unit_of_what_it_repeats_over():
+    sizes = [amplitude_of(e, np.array([3.0, 4.0, 0.0]), np.eye(3), 2.0) for e in _of_free_period()]
+    assert {size.value for size in sizes} == {5.0}
+    assert np.isnan([size.span for size in sizes]).all()
+
+
+def _of_free_period():
+    known = catalogue(Arm(replace(BARE, columns=("weather",))).formulate(readings(5))).candidates
+    found = {e.family: e for e in known if has_free_period(e)}
+    assert {"cycle", "periodic_error"} <= {*found}
+    return found.values()
+
+
 @pytest.mark.slow
 def test_three_waves_of_one_joint_are_told_to_be_a_shape_and_no_cause():
     said = "the 3 waves of elbow tell together what its error is like"
@@ -63,7 +77,7 @@ def test_the_orders_of_stated_teeth_have_a_name_of_their_own():
     found = catalogue(Arm(known).formulate(readings())).candidates
     assert ("cyclic", "shoulder") in {(e.family, e.target) for e in found}
     orders = np.array([2 * np.pi / e.start for e in found if e.family == PERIODIC[0] and e.target == "shoulder"])
-    resolved = 2 * np.pi / next(e.span for e in found if e.family in PERIODIC and e.target == "shoulder")
+    resolved = 2 * np.pi / next(e.reach for e in found if e.family in PERIODIC and e.target == "shoulder")
     assert np.abs(orders[:, None] - [30.0, 60.0]).min() >= resolved
     assert np.ptp(orders) > 40
 
@@ -98,7 +112,7 @@ def test_orders_that_have_names_of_their_own_are_no_waves():
     assert 3 <= min(orders) < 3.5
     assert 60 < max(orders) <= 64
     shorter = next(e for e in found if e.family in PERIODIC)
-    assert shorter.amplitude(np.array([1e-4, 0.0, -2.0 * shorter.span])) == np.inf
+    assert shorter.amplitude(np.array([1e-4, 0.0, -2.0 * shorter.reach])) == np.inf
 
 
 @pytest.mark.parametrize("family", [f for f in FAMILIES if f.name in PERIODIC], ids=PERIODIC)
@@ -161,7 +175,7 @@ def test_a_slide_has_no_wave_that_is_not_seen_twice():
     for wave in (e for e in catalogue(Slide().formulate(data)).candidates if e.family in PERIODIC):
         reach = 0.5 * np.ptp(s)
         for times, possible in ((0.9, True), (1.2, False)):
-            c = np.array([1e-3, 0.0, (1 / (times * reach) - 1 / wave.start) * wave.span])
+            c = np.array([1e-3, 0.0, (1 / (times * reach) - 1 / wave.start) * wave.reach])
             assert wave.period(c) == pytest.approx(times * reach)
             assert is_possible(wave, wave.amplitude(c)) is possible
 

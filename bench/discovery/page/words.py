@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.notes import Code, Note
+from calibench.core.tables.columns import ANY
 from calibench.core.words import plain
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, part_label, quantity_label, quantity_of
@@ -31,7 +32,7 @@ _TAKES = 0.3  # of what is more than noise: smooth functions that take less tell
 _TURN = {"rad": 2 * pi, "deg": 360.0}
 FEW_NAMES = 3  # at most: more are told without intervals, or by what they share, and not one by one again
 _NTH = ("second", "third")
-_HALF = 0.5  # of the weight of a set: what its likeliest names are to hold together
+_HALF = 0.5  # of the weight of a set: what its likeliest names are to hold together; of an excess: the most of it
 _SHOWS = 0.01  # p below which a place is reported
 _LESS = 0.8  # of the weight of the last name told: a next one above it is as likely
 TRUSTED_LESS = "these readings are trusted less; no error of the machine was corrected."
@@ -99,8 +100,9 @@ def unnamed_sentences(report: Report) -> list[str]:
         name = effect_label(report.machine, near.family, near.target)
         enough = near.share >= _ALL
         rest = "yet these readings do not tell that it is this" if enough else "what it leaves is still no noise"
+        first = " Look there first." * (near.share > _HALF)
         said.append(f"Of the formulas {name} is the nearest: it explains {100 * near.share:.0f} % of what is more than "
-                    f"noise, and {rest}. Look there first.")  # fmt: skip
+                    f"noise, and {rest}.{first}")  # fmt: skip
     if report.shortest and not said:
         said.append(f"{shortest_words(report)}.")
     return said
@@ -152,14 +154,16 @@ def doubt_sentences(report: Report) -> list[str]:
         alone = "" if [one.code for one in f.caution] == [Doubt.UNCONFIRMED] else f.effect
         doubts = []
         for one in f.caution:
-            over = " and ".join(f"the {quantity_label(machine, name, report.words)}" for name in one.columns)
+            over = " and ".join(_over(report, name).removeprefix("over ") for name in one.columns)
             part = part_label(machine, one.part) or "the readings"
             as_names = " as all these names" if len(report.findings) > 1 else ""
             said_of = {
                 Doubt.FORMULA_ERROR: "may be the error of the first formula",
                 Doubt.OTHER_CAUSE: f"may be another cause: beside it the same part errs over {over}",
                 Doubt.ONE_CAUSE: f"may be another cause: one error of {part} over {over} explains as much{as_names}",
-                Doubt.UNCONFIRMED: "is periodic over these readings; another set (across=) tells whether it always is",
+                Doubt.UNCONFIRMED: "is periodic over these readings"
+                + f", in which a curve over {over} tells the same" * bool(one.columns)
+                + "; another set (across=) tells whether it always is",
                 Doubt.NOT_ELSEWHERE: f"is periodic over these readings, and not over those of {', '.join(one.cases)}",
             }
             doubts.append(said_of[one.code])
@@ -179,7 +183,8 @@ def doubt_sentences(report: Report) -> list[str]:
         partly = ", with something left that has no name" if other.verdict == "partly" else ""
         if not names:
             known |= set(other.effects)
-            which = f"{_join(labels)} would be named" if labels else "nothing would be named either"
+            lacks = "as much would be without a name" if other.verdict == "unknown" else "nothing would be missing"
+            which = f"{_join(labels)} would be named" if labels else lacks
         elif len(names) > FEW_NAMES and len(lost) < len(held):
             which = f"all of these names{f' but {_join(lost)}' if lost else ''} would be found{partly}"
         else:
@@ -357,7 +362,9 @@ def amplitude_words(size: Amplitude, target: str, brief: bool = False) -> str:
     """Return a size with its interval; of what grows evenly with the column of its `target`, that of one unit of it."""
     if not isfinite(size.value):
         return ""
-    each, of_unit = (size.span, f" per unit of {target.partition(' over ')[2]}") if isfinite(size.span) else (1.0, "")
+    column = target.partition(" over ")[2]
+    of_unit = f" per {ANY.numbers.get(column) or f'unit of {column}'}" if isfinite(size.span) else ""
+    each = size.span if of_unit else 1.0
     low, high = (end / each for end in size.ci95)
     ends = None if brief or not isfinite(low) or not isfinite(high) else (low, high)
     return amount(size.value / each, size.unit, ends) + of_unit
@@ -408,9 +415,11 @@ def next_sentences(report: Report) -> list[str]:
     said = [f"{what}." for what in (*parting, *report.parted_by)]
     if report.verdict in ("unknown", "partly"):
         place = clearest_place(report)
+        spread = f"spread evenly {_over(report, place.covariate)}" if place else ""
+        if place and place.covariate.startswith(RATE):
+            spread = f"in which {place.covariate.removeprefix(RATE)} changes at many speeds"
         said.append(
-            f"readings with repeats, spread evenly {_over(report, place.covariate)}, would show the shape of what "
-            "is missing."
+            f"readings with repeats, {spread}, would show the shape of what is missing."
             if place
             else "more poses, each with repeats: these readings do not tell where it sits."
         )

@@ -35,10 +35,10 @@ _FINER = 6  # periods tried to either side of the best
 @final
 @dataclass(frozen=True, eq=False)
 class Cycle:
-    """An `Effect`: a wave of free period in a column, a cos + b sin of 2 pi (1 / start + f / span) (u - middle).
+    """An `Effect`: a wave of free period in a column, a cos + b sin of 2 pi (1 / start + f / reach) (u - middle).
 
     It is added to `quantity`, times `factor`: one of `unit` in the unit of the quantity, negative where the wave is
-    subtracted. `f` is the number of waves over the run, `span`, above that at `start`. No period may be above
+    subtracted. `f` is the number of waves over the run, `reach`, above that at `start`. No period may be above
     `longest`. `period_unit` is the unit of the column, "" where nobody states it.
     """
 
@@ -53,7 +53,7 @@ class Cycle:
     units: tuple[str, ...]
     start: float
     middle: float
-    span: float
+    reach: float
     positions: int
     factor: float = 1.0
     after: str = ""
@@ -64,7 +64,7 @@ class Cycle:
     period_unit: str = ""
 
     def period(self, c: Array) -> float:
-        frequency = 1 / self.start + c[2] / self.span
+        frequency = 1 / self.start + c[2] / self.reach
         return float(1 / frequency) if frequency > 0 else np.inf
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
@@ -74,7 +74,7 @@ class Cycle:
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return the derivative of `shift`, (n, 3); that in the frequency is 0 while the wave has no height."""
         wave, u = self._wave(q, data, c)
-        moved = 2 * np.pi * u / self.span * (wave @ np.array([c[1], -c[0]]))
+        moved = 2 * np.pi * u / self.reach * (wave @ np.array([c[1], -c[0]]))
         return {self.quantity: self.factor * np.column_stack([wave, moved])}
 
     def amplitude(self, c: Array) -> float:
@@ -87,13 +87,13 @@ class Cycle:
 
     @cached_property
     def _between(self) -> tuple[Effect, ...]:
-        steps = (k / (_FINER * _PER_WIDTH * self.span) for k in range(1 - _FINER, _FINER) if k)
+        steps = (k / (_FINER * _PER_WIDTH * self.reach) for k in range(1 - _FINER, _FINER) if k)
         starts = (1 / self.start + step for step in steps)
         return tuple(replace(self, start=1 / start) for start in starts if start > 0)
 
     def _wave(self, q: Quantities, data: MeasuredData, c: Array) -> tuple[Array, Array]:
         u = np.asarray(q[self.column] if self.column in q else data[self.column], dtype=float)
-        phase = 2 * np.pi * (1 / self.start + c[2] / self.span) * (u - self.middle)
+        phase = 2 * np.pi * (1 / self.start + c[2] / self.reach) * (u - self.middle)
         return np.stack([np.cos(phase), np.sin(phase)], axis=-1), u - self.middle
 
 
@@ -133,7 +133,7 @@ def scanned(
         Cycle(
             family.name, target, family.formula, channel=channel, column=column, columns=(column,),
             quantity=quantity, unit=unit, units=(unit, unit, "1"), start=float(1 / frequency), middle=middle,
-            span=span, positions=count, factor=factor, after=after, largest=largest, longest=longest,
+            reach=span, positions=count, factor=factor, after=after, largest=largest, longest=longest,
             period_unit=period_unit,
         )
         for frequency in np.linspace(low, min(high, low + count / (span * _PER_WIDTH)), count)

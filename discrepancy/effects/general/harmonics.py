@@ -194,7 +194,7 @@ def _waves(k: int, family: EffectFamily, formulation: Formulation, target: str) 
         after=f"{PERIODIC[k - 1]} {target}" if k else "", longest=longest, shortest=shortest,
         largest=largest_error(joint) / one, period_unit=joint.unit,
     )  # fmt: skip
-    found = tuple(wave for wave in found if all(abs(1 / wave.start - f) * wave.span >= 1 for f in others))
+    found = tuple(wave for wave in found if all(abs(1 / wave.start - f) * wave.reach >= 1 for f in others))
     if not found:
         raise NotTestable(f"too few readings of {joint.name} differ for a wave to be seen")
     return found

@@ -41,9 +41,12 @@ def told_in(joint: Joint) -> tuple[str, float]:
 
 def unstated(joint: Joint, what: str, option: str, formulation: Formulation, unit: str = "") -> NotTestable:
     """Return the error for a number of a joint that nobody states; its message names the way to state it."""
-    options = [stated.key for stated in description_of(formulation.data.machine).stated or ()]
-    way, of_unit = f"; {option}= states it" if option in options else "", f", in {unit}" if unit else ""
-    way = way if options else f": Joint({option}=...){of_unit}"
+    stated = description_of(formulation.data.machine).stated
+    way, of_unit = "", f", in {unit}" if unit else ""
+    if stated is None:  # a machine of its owner's design
+        way = f": Joint({option}=...){of_unit}"
+    elif option in [one.key for one in stated]:
+        way = f"; {option}= states it"
     return NotTestable(f"nobody states the {what} of {joint.name}{way}", (), missing=True)
 
 

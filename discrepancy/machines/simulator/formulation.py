@@ -149,7 +149,7 @@ class SimulatorMachine:
             tuple(Parameter(p, "", found[p], *limits[1:]) for p, limits in numbers.items() if free[p]),
             measured=measured, inputs=inputs, held={p: limits[0] for p, limits in numbers.items() if not free[p]},
             unit="", instruments=sensors, roles=self._roles(data, local, names, free, clock), slopes=slopes,
-            of_rows=of_rows, at_end=of_rows.remarks,
+            of_rows=of_rows, of_new=partial(_of_new, of_rows, clock, clock), at_end=of_rows.remarks,
         )  # fmt: skip
 
     def _declared(
@@ -258,13 +258,28 @@ class _OnRows:
         times = plain(known.rows / max(len(local.inputs), 1), 3)
         noise = max(float(np.max(local.noise / local.scale)), 0.0)
         how = f"in {duration(known.seconds)} on {counted(known.workers, 'core')}" if known.run else "by this command"
+        how = f"{known.run} of them {how}, the others had been kept" if known.run < known.rows else f"all {how}"
         text = (
-            f"the simulator was called for {counted(known.rows, 'row')}, {times} times the table, {known.run} of them "
-            f"{how}, the others had been kept; its own noise is {noise:.1g} times that of the readings"
+            f"the simulator was called for {counted(known.rows, 'row')}, {times} times the table, {how}; its own noise "
+            f"is {noise:.1g} times that of the readings"
         )
         text += f"; what led to where it fails ({local.refused}) is not taken" * bool(local.refused)
         values = {"rows": known.rows, "run": known.run, "seconds": known.seconds, "noise": noise}
         return (Note(Code.SIMULATOR_CALLS, text, values=values),)
+
+
+def _of_new(of_rows: _OnRows, clock: str, within: str, data: MeasuredData) -> MeasuredData:
+    """Return rows that are only predicted, with the rates and directions that the fit computed; a file's own stay.
+
+    `clock` is that of the run, `within` the time within a trial.
+    """
+    local, names = of_rows.local, of_rows.local.caller.names
+    made = _moved(data, names.inputs, clock) if clock in data else data
+    if within in data and within in local.slopes:
+        q = {u: np.asarray(data[u], dtype=float) for u in names.inputs}
+        rates = of_rows(data)[1](q | dict(zip(names.parameters, local.parameters)))[within]
+        made = made.with_columns({f"{RATE}{y}": rates[:, k] for k, y in enumerate(names.outputs)})
+    return made.with_columns(data.columns)
 
 
 def _say_beforehand(known: Caller, seconds: float, local: LocalModel) -> None:
