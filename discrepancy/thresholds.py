@@ -144,6 +144,8 @@ class Thresholds:
         "smallest strain-wave gears sold, 100 N m a radian")  # fmt: skip
     largest_lag: float = _of(0.5, JUDGED, "s", "by which a reading may be late: instruments and filters answer in "
         "tenths of a second")  # fmt: skip
+    largest_delay: float = _of(0.25, JUDGED, "of a trial", "by which a simulator's output may be late, in place of "
+        "`largest_lag`: processes differ in speed")  # fmt: skip
     largest_growth: float = _of(0.001, CONVENTION, "1/K", "growth of a member: five times that of polyethylene, "
         "which grows more than all that machines are made of")  # fmt: skip
     largest_warm_zero: float = _of(0.003, JUDGED, "rad/K", "by which one kelvin may move the zero of a joint: a "

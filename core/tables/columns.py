@@ -395,6 +395,12 @@ def rename(
             raise DataError(
                 f"units: {name} holds times of day, read in seconds; write an angle as one number of degrees"
             )
+        head = content.units.get(targets.get(name, name)) or content.units.get(columns.get(name, name))
+        if declared.own_units and head not in (None, unit):
+            raise DataError(
+                f"units: {name} is in {head} by its head, and {unit} here: numbers stay as the file has them; write "
+                "them in the unit of your model, or correct the head"
+            )
         stated[targets.get(name, name)] = unit
     return replace(content, columns=made, units=stated, notes=tuple(notes))
 

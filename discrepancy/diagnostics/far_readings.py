@@ -262,6 +262,7 @@ def standing_rows(r: Array, sound: Mask) -> Rows:
     return np.flatnonzero(chosen) if (chosen | ~sound).mean() <= _LONGEST else np.empty(0, dtype=int)
 
 
+@np.errstate(divide="ignore")  # of a law that cannot be
 def _apart(r: Array, sound: Mask) -> Mask:
     """Return the rows far beyond the law that the nearer readings tell, if no others but close ones lie in between.
 

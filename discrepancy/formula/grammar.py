@@ -249,6 +249,9 @@ class Term:
         shown = [one + (f"^{p:g}" if p != 1 else "") for one, p in zip(below, powers.values())]
         if not shown:
             return unit
+        whole, _, below_it = shown[0].strip("()").rpartition("/")
+        if len(shown) == 1 and whole == (unit or "1"):  # of a quantity by its rate only the time is left
+            return below_it
         return f"{unit or '1'}/{shown[0] if len(shown) == 1 else '(' + ' '.join(shown) + ')'}"
 
 

@@ -70,7 +70,8 @@ class Length:
 class Instrument:
     """An outside measurement: its measured `columns`, and the columns of their velocities where there are any.
 
-    `frame`: the columns are coordinates of one frame that may move during the run.
+    `frame`: the columns are coordinates of one frame that may move during the run. `span` [s] is that of a trial
+    where it is a process whose own time tells how late a reading may be.
     """
 
     name: str
@@ -78,6 +79,7 @@ class Instrument:
     velocity: tuple[str, ...] = ()
     frame: bool = True
     label: str = ""
+    span: float = 0.0
 
     def __post_init__(self) -> None:
         refuse_word(f"{self.name}: columns", self.columns)

@@ -134,3 +134,9 @@ def test_none_is_not_said_of_an_error_of_twice_the_noise() -> None:
     stated = MeasuredData(data.columns, "gpm2002", {**data.metadata, "sigma_enc": 5e-5 / 2.2}, "half")
     assert explain("gpm2002", data).verdict == "none"
     assert explain("gpm2002", stated).verdict == "unknown"
+
+
+def test_a_law_that_no_reading_could_have_is_none_and_warns_of_nothing():
+    sizes = np.where(np.arange(200) % 5 < 3, 1.0, 100.0)[:, None]
+    rows = sizes * np.where(np.arange(200) % 2, 1.0, -1.0)[:, None]
+    assert not standing_rows(rows, np.full(200, True)).size

@@ -40,6 +40,7 @@ import numpy as np
 
 INPUTS = ("u", "t")
 PARAMETERS = {"k": (2.0, 1.0, 4.0), "tau": (0.5, 0.2, 1.5), "mass": 0.0}
+RNG = np.random.default_rng(5)
 OUTPUTS = {"y": 0.002, "z": 0.002}
 
 
@@ -63,6 +64,18 @@ def jumps(inputs, parameters):
     return {name: np.round(y, 5) for name, y in answer(inputs, parameters).items()}
 
 
+def coarse(inputs, parameters):
+    return {name: np.round(y / 0.002) * 0.002 for name, y in answer(inputs, parameters).items()}
+
+
+def stochastic(inputs, parameters):
+    return {name: y + 4e-4 * RNG.standard_normal(len(y)) for name, y in answer(inputs, parameters).items()}
+
+
+def stepped(inputs, parameters):
+    return answer({**inputs, "t": np.round(inputs["t"] / 0.005) * 0.005}, parameters)
+
+
 def still(inputs, parameters):
     return {name: 0 * inputs["u"] for name in ("y", "z")}
 
@@ -73,6 +86,29 @@ def short(inputs, parameters):
 
 def random(inputs, parameters):
     return {name: y + 0.02 * np.random.standard_normal(len(y)) for name, y in answer(inputs, parameters).items()}
+
+
+def leaves(inputs, parameters):
+    raise SystemExit(3)
+
+
+def narrow(inputs, parameters):
+    if parameters["tau"] > 0.5:
+        raise ArithmeticError("too slow")
+    return answer(inputs, parameters)
+
+
+def cut(inputs, parameters):
+    return {name: y + (np.nan if parameters["tau"] > 0.5 else 0) for name, y in answer(inputs, parameters).items()}
+
+
+def of_no_parameter(inputs, parameters):
+    return answer(inputs, {"k": 2.2, "tau": 0.55, "mass": 0.0})
+
+
+def prints(inputs, parameters):
+    print("a step")
+    return answer(inputs, parameters)
 
 
 def broken(inputs, parameters):
@@ -348,6 +384,26 @@ def test_a_step_follows_the_noise_of_the_simulator(level):
     assert np.sqrt(np.mean(off**2)) < 10 * level ** (2 / 3)
 
 
+@pytest.mark.parametrize(
+    ("function", "own"), [("answer", 0.0), ("coarse", 0.002 / np.sqrt(12)), ("stochastic", 4e-4), ("stepped", 4e-4)]
+)
+def test_a_simulator_that_is_rounded_noisy_or_jumps_says_what_a_smooth_one_says(spring, function, own):
+    formulation = simulator(spring, function).formulate(readings(late=0.01))
+    local = formulation.of_rows.local
+    assert bool(local.rough) == (own > 0)
+    assert own / 2 <= local.own.max() < 2 * own + 1e-9
+    assert formulation.measured["y"] == pytest.approx(np.hypot(0.002, local.own[0]), rel=2e-3)
+    t, (k, tau) = np.asarray(formulation.data["t"]), local.parameters[:2]
+    true = np.asarray(formulation.data["u"]) / k / tau * np.exp(-t / tau)
+    assert np.sqrt(np.mean((local.slopes["t"][:, 0] - true) ** 2 / np.mean(true**2))) < 0.05
+    report = explain(simulator(spring, function), readings(late=0.01))
+    assert [finding.effect for finding in report.findings] == ["input_offset t"]
+    low, high = report.findings[0].amplitude.ci95
+    assert low < 0.01 < high < low + 0.004
+    [note] = [note for note in report.notes if note.code is Code.SIMULATOR_CALLS]
+    assert ("rounded, noisy or jumps" in note.text) == (own > 0)
+
+
 def test_rows_that_depend_on_each_other_are_simulated_as_a_whole(spring):
     data = readings(n=60)
     rng = np.random.default_rng(3)
@@ -459,6 +515,8 @@ def test_a_long_simulation_says_beforehand_what_it_will_take(spring, tmp_path, m
     said = capsys.readouterr().err
     assert "times 30 rows" in said
     assert "a command that is killed goes on" in said
+    simulator(spring, "answer").formulate(readings(n=30))
+    assert not capsys.readouterr().err  # a search formulates more than once
     assert duration(42.4) == "43 s"
     assert duration(5400.0) == "1.5 h"
 
@@ -503,6 +561,11 @@ def test_nothing_that_a_data_file_names_is_run(spring, tmp_path, capsys):
         ({"call": "short"}, r"returned y of shape \(3,\): 120 rows need as many values"),
         ({"call": "random"}, "the simulator's own noise, .* of y, is larger than that of its readings, 0.002"),
         ({"call": "not_there"}, "not_there"),
+        ({"call": "answer", "parameters": {"k": 2.0, "tau": 0.5, "mass": 0.0}}, "all parameters are held"),
+        ({"call": "leaves"}, r"\(k = 2, tau = 0.5, mass = 0\): SystemExit: 3 \(spring_"),
+        ({"call": "narrow"}, r"failed at k = 2, tau = 0\.5\d*, mass = .*: ArithmeticError: too slow \(spring_"),
+        ({"call": "of_no_parameter"}, r"no output depends on a parameter that is calibrated \(k, tau\)"),
+        ({"call": "cut"}, "no finite number right beside the nominal parameters"),
         ({"command": "./sim {args}"}, "machine.inputs= is missing"),
     ],
 )
@@ -511,6 +574,18 @@ def test_what_does_not_fit_is_one_line(spring, options, message):
         options = {**options, "call": f"{spring}:{options['call']}"}
     with pytest.raises((DataError, ValueError), match=message):
         machines.make("simulator", **options).formulate(readings())
+
+
+def test_a_call_without_a_file_asks_for_one():
+    with pytest.raises(DataError, match=r"machine\.call=answer: FILE\.py:FUNCTION is needed, such as sim\.py:answer"):
+        machines.make("simulator", call="answer").formulate(readings())
+
+
+def test_what_a_simulator_prints_is_no_answer(spring, capsys):
+    simulator(spring, "prints").formulate(readings())
+    said = capsys.readouterr()
+    assert "a step" in said.err
+    assert not said.out
 
 
 def test_a_computed_rate_has_one_word_in_the_file_and_on_the_page(spring):
@@ -530,7 +605,10 @@ def test_an_input_in_seconds_is_the_time_within_a_trial_unless_another_is_stated
     read = simulator(spring).formulate(data)
     assert {"instrument_lag y", "instrument_lag z"} <= {name_of(effect) for effect in catalogue(read).candidates}
     assert [note.columns for note in read.data.notes if "machine.time=" in note.text] == [("t",)]
-    assert "rate of y" not in simulator(spring, time="box").formulate(data).data
+    for asked_for, run in (("box", "box"), ("t,box", "box"), ("t", "")):  # the clock of the run may be beside it
+        both = simulator(spring, time=asked_for).formulate(data)
+        assert roles_of(both).time == run
+        assert "instrument_lag y" in {name_of(effect) for effect in catalogue(both).candidates}
     hints = {
         one.reason
         for one in catalogue(simulator(spring).formulate(readings())).untestable
@@ -540,12 +618,37 @@ def test_an_input_in_seconds_is_the_time_within_a_trial_unless_another_is_stated
     assert hints
 
 
+@pytest.mark.parametrize(("column", "factor"), [("y", 1000.0), ("u", 180 / np.pi), ("z", 0.001)])
+def test_a_factor_of_units_between_file_and_simulator_is_named(spring, column, factor):
+    data = readings()
+    other = data.with_columns({column: np.asarray(data[column]) / factor})
+    with pytest.raises(DataError, match=f"near to it if {column} is multiplied by {factor:.6g}: file and simulator"):
+        simulator(spring).formulate(other)
+
+
+def test_a_unit_that_contradicts_the_head_of_a_column_is_refused(spring, tmp_path):
+    (tmp_path / "units.csv").write_text("u,t [s],y [m],z\n" + "1,1,0.4,0.9\n2,2,0.5,0.9\n" * 10)
+    with pytest.raises(DataError, match="units: y is in m by its head, and mm here"):
+        read_measured(tmp_path / "units.csv", simulator(spring), units={"y": "mm"})
+    read_measured(tmp_path / "units.csv", simulator(spring), units={"y": "m"})
+
+
+def test_an_output_may_be_late_by_the_time_of_its_process_and_a_size_over_its_rate_is_a_time(spring):
+    slow = replace(readings(), units={"t": "s", "y": "degC"})
+    slow = slow.with_columns({"t": 20 * np.asarray(slow["t"])})
+    parameters = {"k": (2.0, 1.0, 4.0), "tau": (10.0, 4.0, 30.0), "mass": 0.0}
+    formulation = simulator(spring, parameters=parameters).formulate(slow)
+    [lag] = [one for one in catalogue(formulation).candidates if name_of(one) == "instrument_lag y"]
+    assert lag.largest == pytest.approx(0.25 * np.ptp(slow["t"]))
+    assert formulation.data.units["rate of y"] == "degC/s"
+    assert Term("y", (Atom("rate of y", "u", unit="degC/s"),)).unit_of("degC") == "s"
+
+
 def test_the_report_predicts_new_rows_and_says_how_often_it_called(spring):
     report = explain(simulator(spring), readings())
     [note] = [note for note in report.notes if note.code is Code.SIMULATOR_CALLS]
-    assert note.values["rows"] == note.values["run"] > 120
-    assert "times the table, all in " in note.text
-    assert "kept" not in note.text
+    assert note.values["rows"] > 120
+    assert ("had been kept" in note.text) == (note.values["run"] < note.values["rows"])
     ahead = report.predict({"u": [0.5, -0.5], "t": [1.0, 1.0], "u_dir": [1, 1], "box": [0, 0]})
     np.testing.assert_allclose(ahead.measured["y"], np.array([0.5, -0.5]) / 2.2 * (1 - np.exp(-1 / 0.55)), atol=2e-3)
 

@@ -198,7 +198,7 @@ def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     return family.linear(
         target, instrument.velocity, {"tau": "s"},
         lambda q, data: {name: data[velocity][:, None] for name, velocity in pairs.items()},
-        largest=thresholds().largest_lag,
+        largest=thresholds().largest_delay * instrument.span or thresholds().largest_lag,
     )  # fmt: skip
 
 
@@ -210,5 +210,5 @@ scale = recipe(
 lag = recipe(
     "instrument_lag", "An instrument is read too early or too late", "measured_i += tau velocity_i",
     channel="prediction", columns=("the velocity of what it measures",), unit="s", targets="each instrument",
-    targets_in=each("instruments"), make=_lag, label="timing lag", bounds=("largest_lag",),
+    targets_in=each("instruments"), make=_lag, label="timing lag", bounds=("largest_lag", "largest_delay"),
 )  # fmt: skip

@@ -15,11 +15,13 @@ import os
 import shlex
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
+import traceback
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from pathlib import Path
@@ -273,7 +275,15 @@ class Caller:
 
     def _timed(self, key: str, inputs: Array, parameters: Array, spare: Path | None = None) -> Array:
         began = time.perf_counter()
-        found = np.asarray(self.simulator(inputs, parameters), dtype=float)
+        try:
+            with redirect_stdout(sys.stderr):  # what a simulator prints is no part of an answer
+                found = np.asarray(self.simulator(inputs, parameters), dtype=float)
+        except DataError:
+            raise
+        except (Exception, SystemExit) as error:  # whatever a simulator of a user's raises
+            each = parameters if parameters.ndim == 1 else parameters[0]
+            values = ", ".join(f"{name} = {p:.6g}" for name, p in zip(self.names.parameters, each))
+            raise DataError(f"the simulator failed at {values}: {said_of(error)}") from error
         took = time.perf_counter() - began
         if spare is None:
             self.jobs, self.seconds = self.jobs + 1, self.seconds + took
@@ -298,6 +308,12 @@ class Caller:
         except OSError:  # a full or read-only disk: the next process calls it again
             return False
         return True
+
+
+def said_of(error: BaseException) -> str:
+    """Return what a failure of a user's simulator says, in a line, with its place."""
+    at = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {one_line(str(error))} ({Path(at.filename).name}, line {at.lineno})"
 
 
 def duration(seconds: float) -> str:

@@ -11,19 +11,19 @@ from __future__ import annotations
 import inspect
 import os
 import sys
-import traceback
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
 from typing import Any, Literal, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibench.core import user_file
 from calibench.core.notes import Code, Note
 from calibench.core.options import shown, suggest
-from calibench.core.words import counted, one_line, plain, print_plain
+from calibench.core.words import counted, plain, print_plain
 from calibench.discrepancy.machines.simulator import caller as calls
 from calibench.discrepancy.machines.simulator.caller import Caller, Names, duration, simulators
 from calibench.discrepancy.machines.simulator.local import FEW, LocalModel, Variable
@@ -32,12 +32,17 @@ from calibench.discrepancy.model.machine import Description
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, complete
 from calibench.discrepancy.model.roles import RATE, Instrument, Joint, Roles
 from calibench.discrepancy.registries import describe, machines
-from calibench.problems.base import Parameter
+from calibench.problems.base import Array, Parameter
 
 WAY = "direction of "  # before an input: the sign of its last change
 _LONG = 30.0  # s: what takes longer is told beforehand
 _SEARCH = 12  # passes of a search, about, beside those of calibration and slopes
 _CALIBRATIONS = 3
+_FAR, _CURED = 0.4, 0.3  # of the misfit of shuffled readings: after calibration, and by a factor at the start
+_FEW_OF_UNITS = 50  # rows that are tried with a factor
+_UNITS = (1000.0, 1e-3, 180 / np.pi, np.pi / 180)
+_HEARD = 0.05  # of the noise of the readings: the simulator's own from which it is added to theirs
+_TOLD: set[tuple[str, int, bool]] = set()  # of what was told how long it takes: a search formulates more than once
 
 
 @machines.register("simulator")
@@ -50,8 +55,9 @@ class SimulatorMachine:
     `inputs` are columns, `parameters` name -> nominal, lower, upper; one with a single number is held. `measured` are
     the columns that it predicts, in its order, `sigma` their noise: a number for all, or name -> number or column. A
     file of Python may state them as INPUTS, PARAMETERS and OUTPUTS (a mapping to the noise, or names). With `rows=one`
-    a function is called for each row. `time` is the column of the clock; `covariates` are the columns that an error may
-    follow, by default all others. `workers` are the processes that call it, by default one for each core.
+    a function is called for each row. `time` is the column of the clock, an input that is the time within a trial, or
+    both ("t,clock"); `covariates` are the columns that an error may follow, by default all others. `workers` are the
+    processes that call it, by default one for each core.
     """
 
     call: str = ""
@@ -76,6 +82,8 @@ class SimulatorMachine:
                 f"machine=simulator: {both} is given; one of machine.call=FILE.py:FUNCTION, "
                 'machine.command="./sim {args}" and machine.fmu=FILE is needed'
             )
+        if self.call and not (user_file.is_file_path(self.call) or simulators.names()):
+            raise DataError(f"machine.call={self.call}: FILE.py:FUNCTION is needed, such as sim.py:{self.call}")
         try:
             return calls.code_of(self.call, self.command, self.fmu)
         except ValueError as error:
@@ -89,12 +97,14 @@ class SimulatorMachine:
         if there:
             raise DataError(f"{data.name}: {there[0]}: no column of numbers; {suggest(there[0], numbers_of(data))}")
         deviations = [s for s in measured.values() if isinstance(s, str)]
-        clock = self.time or ("t_s" if "t_s" in data else "")
+        stated_times = [c for c in map(str.strip, self.time.split(",")) if c] or ["t_s"] * ("t_s" in data)
+        within = next((c for c in stated_times if c in inputs), "")
+        clock = next((c for c in stated_times if c not in inputs), "")
         of_trial = [u for u in inputs if data.units.get(u) == "s"]
-        if not clock and len(of_trial) == 1:
-            [clock] = of_trial
-            text = f"{clock}, in seconds, is taken for the time within a trial, along which outputs may be late"
-            data = data.with_note(Code.FILE, f"{text}; state machine.time= where it is another", (clock,))
+        if not within and len(of_trial) == 1:
+            [within] = of_trial
+            text = f"{within}, in seconds, is taken for the time within a trial, along which outputs may be late"
+            data = data.with_note(Code.FILE, f"{text}; state machine.time= where it is another", (within,))
         data = complete(data, (*measured, *inputs, *deviations, *((clock,) if clock else ())))
         data = _moved(data, inputs, clock)
         table = np.column_stack([np.zeros((len(data), 0)), *(np.asarray(data[u], dtype=float) for u in inputs)])
@@ -116,27 +126,39 @@ class SimulatorMachine:
             edges = (lower, upper) if bounded else (-np.inf, np.inf)
             variables.append(Variable(p, False, k, wide, *edges))
         free = {p: limits[1] < limits[2] for p, limits in numbers.items()}
+        if not any(free.values()):
+            raise DataError("all parameters are held: one with a nominal value, a lower and an upper bound is needed")
         stated = [s if isinstance(s, int | float) else np.nan for s in measured.values()]
         start = np.array([limits[0] for limits in numbers.values()])
         local = LocalModel(known, table, tuple(variables), start, np.array(stated, dtype=float))
         try:
-            _say_beforehand(known, known.begin(table, start), local)
-        except DataError:
-            raise
-        except Exception as error:  # whatever a simulator of a user's raises
-            at = traceback.extract_tb(error.__traceback__)[-1]
-            where = f"{Path(at.filename).name}, line {at.lineno}"
+            seconds = known.begin(table, start)
+            _say_beforehand(known, seconds, local)
+        except DataError as error:
+            if error.__cause__ is None:
+                raise
             one_row = "" if known.one else "; it is given all rows at once: machine.rows=one calls it for each"
-            said = f"{type(error).__name__}: {one_line(str(error))} ({where})"
             nominal = ", ".join(f"{p} = {limits[0]:g}" for p, limits in numbers.items())
-            raise DataError(f"the simulator failed at the nominal parameters ({nominal}): {said}{one_row}") from error
+            where = f"at the nominal parameters ({nominal}): {calls.said_of(error.__cause__)}"
+            raise DataError(f"the simulator failed {where}{one_row}") from error
         local.prepare()
+        if local.rough:
+            _say_beforehand(known, seconds, local)
         seen = np.stack([np.asarray(data[y], dtype=float) for y in measured], axis=-1)
         local.calibrate(seen, data.fitted, np.array([*free.values()], dtype=np.bool_))
+        _refuse_units(data.name, local, start, seen, data.fitted)
         found = dict(zip(numbers, local.parameters.tolist()))
-        if clock in local.slopes:  # time itself is an input: its slopes are the rates of the outputs
-            rates = {f"{RATE}{y}": local.slopes[clock][:, k] for k, y in enumerate(measured)}
-            data = replace(data.with_columns(rates), computed=data.computed | {*rates})
+        for y, own, noise in zip(measured, local.own, local.scale):
+            sigma = measured[y]
+            if own > _HEARD * noise and isinstance(sigma, str):
+                data = data.with_columns({sigma: np.hypot(np.asarray(data[sigma], dtype=float), own)})
+            elif own > _HEARD * noise and sigma is not None:
+                measured[y] = float(np.hypot(sigma, own))
+        if within in local.slopes:  # time itself is an input: its slopes are the rates of the outputs
+            rates = {f"{RATE}{y}": local.slopes[within][:, k] for k, y in enumerate(measured)}
+            units = {f"{RATE}{y}": f"{data.units.get(y) or '1'}/s" for y in measured}
+            data = data.with_columns(rates)
+            data = replace(data, computed=data.computed | {*rates}, units={**units, **data.units})
         if not local.independent:
             text = "the table is simulated as a whole, and errors of inputs are not looked for"
             data = data.with_note(Code.SIMULATOR_ROWS, f"rows depend on each other: {text}", inputs)
@@ -148,8 +170,8 @@ class SimulatorMachine:
             data, predict,
             tuple(Parameter(p, "", found[p], *limits[1:]) for p, limits in numbers.items() if free[p]),
             measured=measured, inputs=inputs, held={p: limits[0] for p, limits in numbers.items() if not free[p]},
-            unit="", instruments=sensors, roles=self._roles(data, local, names, free, clock), slopes=slopes,
-            of_rows=of_rows, of_new=partial(_of_new, of_rows, clock, clock), at_end=of_rows.remarks,
+            unit="", instruments=sensors, roles=self._roles(data, local, names, free, clock, within), slopes=slopes,
+            of_rows=of_rows, of_new=partial(_of_new, of_rows, clock, within), at_end=of_rows.remarks,
         )  # fmt: skip
 
     def _declared(
@@ -206,7 +228,7 @@ class SimulatorMachine:
         return tuple(map(str, inputs)), limits, measured
 
     def _roles(
-        self, data: MeasuredData, local: LocalModel, names: Names, free: Mapping[str, bool], clock: str
+        self, data: MeasuredData, local: LocalModel, names: Names, free: Mapping[str, bool], clock: str, within: str
     ) -> Roles:
         def beside(u: str, ending: str, made: str = "") -> str:
             return next((c for c in (f"{u}{ending}", f"{made}{u}") if c != u and c in data), "")
@@ -225,12 +247,13 @@ class SimulatorMachine:
         for c in self.covariates:
             if c not in data:
                 raise DataError(f"machine.covariates={c}: no column; {suggest(c, numbers_of(data))}")
-        instruments = tuple(Instrument(y, (y,), (f"{RATE}{y}",) if f"{RATE}{y}" in data else ()) for y in names.outputs)
+        span = float(np.ptp(data[within])) if within else 0.0
+        rates = {y: (f"{RATE}{y}",) if f"{RATE}{y}" in data else () for y in names.outputs}
+        instruments = tuple(Instrument(y, (y,), rates[y], span=span) for y in names.outputs)
         heat = next((c for c in ("temp_K", "temperature") if c in data), "")
-        of_run = "" if clock in names.inputs else clock  # time within a trial is an input, and no clock of the run
         columns = tuple(c for c in others if np.ptp(data[c]))
         parameters = sorted(free, key=lambda p: not free[p]) if local.independent else ()
-        return Roles(tuple(joints), (), of_run, heat, instruments, columns, tuple(parameters))
+        return Roles(tuple(joints), (), clock, heat, instruments, columns, tuple(parameters))
 
 
 @final
@@ -256,13 +279,18 @@ class _OnRows:
     def remarks(self) -> tuple[Note, ...]:
         known, local = self.local.caller, self.local
         times = plain(known.rows / max(len(local.inputs), 1), 3)
-        noise = max(float(np.max(local.noise / local.scale)), 0.0)
-        how = f"in {duration(known.seconds)} on {counted(known.workers, 'core')}" if known.run else "by this command"
-        how = f"{known.run} of them {how}, the others had been kept" if known.run < known.rows else f"all {how}"
-        text = (
-            f"the simulator was called for {counted(known.rows, 'row')}, {times} times the table, {how}; its own noise "
-            f"is {noise:.1g} times that of the readings"
-        )
+        noise = float(np.max(local.own / local.scale))
+        how = f"in {duration(known.seconds)} on {counted(known.workers, 'core')}"
+        if known.run < known.rows:
+            how = f"{known.run or 'none'} of them {how if known.run else 'by this command'}, the others had been kept"
+        else:
+            how = f"all {how}"
+        text = f"the simulator was called for {counted(known.rows, 'row')}, {times} times the table, {how}; its own "
+        text += f"noise is {noise:.1g} times that of the readings"
+        text += ", and is added to theirs" * bool(noise > _HEARD)
+        if local.rough:
+            wide = max(6 * local.steps[v.name] / v.width for v in local.variables if v.name in local.rough)
+            text += f"; it is rounded, noisy or jumps: slopes are taken over up to {wide:.0%} of the range of a number"
         text += f"; what led to where it fails ({local.refused}) is not taken" * bool(local.refused)
         values = {"rows": known.rows, "run": known.run, "seconds": known.seconds, "noise": noise}
         return (Note(Code.SIMULATOR_CALLS, text, values=values),)
@@ -285,22 +313,62 @@ def _of_new(of_rows: _OnRows, clock: str, within: str, data: MeasuredData) -> Me
 def _say_beforehand(known: Caller, seconds: float, local: LocalModel) -> None:
     """Tell on the terminal how long the simulator, `seconds` for the whole table, will take, where it takes long."""
     p, n = len(known.names.parameters), len(local.inputs)
-    of_few = min(FEW / n, 1.0) * (9 + 16 * len(local.variables))  # noise and steps
-    passes = int(_CALIBRATIONS * (2 * p + 2) + 2 * len(local.variables) + p * (p + 1) / 2 + of_few + _SEARCH)
+    of_few = min(FEW / n, 1.0) * (9 + 26 * len(local.variables))  # noise and steps
+    of_slopes = (4 if local.rough else 2) * (_CALIBRATIONS * p + len(local.variables))
+    passes = int(of_slopes + 2 * _CALIBRATIONS + p * (p + 1) / 2 + of_few + _SEARCH)
     ahead = seconds * passes / max(known.workers, 1)
     if ahead > _LONG:
         a_call = f"{duration(seconds / n)} a row" if known.one else f"{duration(seconds)} for all rows"
-        print_plain(
+        before = sum(1 for _ in known.folder.glob("*.npy"))
+        text = (
             f"simulator: {a_call}, about {passes} times {n} rows: {duration(ahead)} on "
-            f"{counted(known.workers, 'core')}, less what was kept before; calls are kept in {known.folder}, so a "
-            "command that is killed goes on",
-            file=sys.stderr, flush=True,
-        )  # fmt: skip
+            f"{counted(known.workers, 'core')}, less what was kept before ({counted(before, 'call')}); calls are kept "
+            f"in {known.folder}, so a command that is killed goes on"
+        )
+        if (known.code, n, bool(local.rough)) not in _TOLD:
+            _TOLD.add((known.code, n, bool(local.rough)))
+            print_plain(text, file=sys.stderr, flush=True)
+
+
+def _refuse_units(name: str, local: LocalModel, nominal: Array, seen: Array, fitted: NDArray[np.bool_]) -> None:
+    """Raise `DataError` where no calibration brings an output near, and a factor of an output or an input does.
+
+    Near is told by the misfit of shuffled readings; the factor is tried at the nominal parameters.
+    """
+    rows = np.flatnonzero(fitted)[:_FEW_OF_UNITS]
+    read, names = seen[rows], local.caller.names
+    mixed = np.random.default_rng(0).permutation(read)
+
+    def misfit(predicted: Array, factor: float = 1.0) -> Array:
+        here, there = (np.median(np.abs(factor * y - predicted), axis=0) for y in (read, mixed))
+        return np.asarray(np.where(np.isfinite(here) & (there > 0), here / np.where(there > 0, there, 1.0), 1.0))
+
+    far = misfit(local.places[0].values[rows]) > _FAR
+    if len(rows) < _FEW_OF_UNITS // 2 or not far.any():
+        return
+    inputs = local.inputs[rows]
+    [predicted] = local.caller.ask([(inputs, nominal)])
+    cures = []
+    for k, y in enumerate(names.outputs):
+        of_one = np.arange(len(names.outputs)) == k
+        cures += [(np.where(of_one, misfit(predicted, f), misfit(predicted)), y, f) for f in _UNITS]
+    for k, u in enumerate(names.inputs if local.independent else ()):
+        for factor in _UNITS:
+            with suppress(DataError):
+                [other] = local.caller.ask([(inputs * np.where(np.arange(inputs.shape[1]) == k, factor, 1.0), nominal)])
+                cures.append((misfit(other), u, factor))
+    left, column, factor = min(cures, key=lambda cure: float(np.mean(cure[0])))
+    if left[far].max() < _CURED:
+        raise DataError(
+            f"{name}: the readings are as far from the simulator as shuffled ones, and near to it if {column} is "
+            f"multiplied by {factor:.6g}: file and simulator are in units that differ by this factor; write one of "
+            "them in those of the other"
+        )
 
 
 def _moved(data: MeasuredData, inputs: Sequence[str], clock: str) -> MeasuredData:
     """Return the data with rate and direction of each input along the clock, where the file has no columns of them."""
-    if not clock or clock in inputs:
+    if not clock:
         return data
     t, at = np.unique(np.asarray(data[clock], dtype=float), return_inverse=True)
     made = along_clock(data, [u for u in inputs if f"{u}_vel" not in data], clock)

@@ -9,14 +9,19 @@ The noise of the simulator itself (a solver's tolerance) is told by the differen
 other (ECnoise: More and Wild, SIAM J. Sci. Comput. 33(3), 2011). The step of a central difference is that at which the
 third difference stands out of this noise by a factor between 1.5 and 6 (Shi, Xie, Xuan and Nocedal, Optim. Methods
 Softw. 37(5), 2022, sec. 3): smaller ones are noise, larger ones curvature.
+
+An output that is rounded, or jumps, answers very near calls alike. So third differences are taken over a ladder of
+steps: those of a smooth output fall with the third power of the step, those of a kink with the first, and where they
+fall more slowly and are below the noise of the readings, the output is rough at this level. Slopes along a variable in
+which an output is rough are least squares of a cubic over a fan of wide points, and their noise is known.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +40,10 @@ _RATIO = (1.5, 6.0)  # of the third difference over the noise
 _ROUNDS = 12  # of fitting a step
 _LONGEST = 0.05  # of the range of a number: the longest step
 FEW = 8  # rows on which noise and steps are told, where rows are independent
+_RADII = 0.15 / 3.0 ** np.arange(7)  # of the range of a number: of the ladder, whose steps are all but the first
+_FALL = 2.5  # of the third difference over a third of the step: less is rough, 3 is a kink, 27 is smooth
+_LOUD = 1e-3  # of the noise of a reading: own noise from which an output is rough
+_FAN = np.array([-3.0, -1.0, 1.0, 3.0])  # steps
 _TINY = float(np.finfo(float).eps)
 _REPEATS = 6  # calibrations, each about the last one's place
 
@@ -65,7 +74,10 @@ class Place:
 @final
 @dataclass(eq=False)
 class LocalModel:
-    """The simulator over the rows of one table. `noise` and `scale` (m,) are its own and that of the readings."""
+    """The simulator over the rows of one table. `noise` and `scale` (m,) are its own and that of the readings.
+
+    `rough` has the level, (m,), of what is rounded or jumps along a variable, and of noise that is not small.
+    """
 
     caller: Caller
     inputs: Array
@@ -74,6 +86,7 @@ class LocalModel:
     scale: Array
     noise: Array = field(default_factory=lambda: np.zeros(0))
     steps: Mapping[str, float] = field(default_factory=dict)
+    rough: dict[str, Array] = field(default_factory=dict)
     independent: bool = True
     takes_rows: bool = True  # parameters that differ from row to row
     slopes: dict[str, Array] = field(default_factory=dict)
@@ -114,12 +127,19 @@ class LocalModel:
             try:
                 [each] = self.caller.ask([(self.inputs[few], np.tile(self.parameters, (len(few), 1)))])
                 self.takes_rows = bool((np.abs(each - values[few]) <= 10 * self.noise + 1e-9 * size).all())
-            except Exception:  # whatever a function of numbers does with arrays
+            except DataError:  # whatever a function of numbers does with arrays
                 self.takes_rows = False
         else:
             self.takes_rows = False
         known = [v for v in self.variables if self.independent or not v.is_input]
-        self.steps = {v.name: self._step(v, few if self.independent else np.arange(n)) for v in known}
+        rows = few if self.independent else np.arange(n)
+        rough = self.independent or self._levels(known, rows)[1].any()  # of the whole table each call is dear
+        self.steps = {v.name: (rough and self._rough_step(v, rows)) or self._step(v, rows) for v in known}
+
+    @property
+    def own(self) -> Array:
+        """Return the standard deviation of all in its outputs that is not smooth, (m,)."""
+        return np.asarray(np.max([self.noise, *self.rough.values()], axis=0))
 
     def calibrate(self, measured: Array, fitted: NDArray[np.bool_], free: NDArray[np.bool_]) -> None:
         """Move the parameters that are `free` (p,) to the least squares over the rows that are `fitted`; differentiate.
@@ -154,7 +174,7 @@ class LocalModel:
                     p[v.at] = float(np.clip(p[v.at] + part * change, v.lower + edge, v.upper - edge))
                 try:
                     [values] = self.caller.ask([(self.inputs, p)])
-                except Exception:  # a shorter step is tried
+                except DataError:  # a shorter step is tried
                     continue
                 if np.isfinite(values).all() and np.mean((((measured - values) / self.scale)[fitted]) ** 2) < now:
                     self.places.append(Place(self.inputs, np.tile(p, (len(self.inputs), 1)), values))
@@ -170,6 +190,9 @@ class LocalModel:
             raise DataError(
                 "the simulator answers the same whatever its inputs and parameters are: does it read what it is given?"
             )
+        if own and not any(np.any(self.slopes[v.name]) for v in own):
+            which = ", ".join(v.name for v in own)
+            raise DataError(f"no output depends on a parameter that is calibrated ({which}): does it read them?")
 
         # the mixed curvatures of parameters: those that make up for each other move far together
         p, pairs = last.parameters[0], [(a, b) for k, a in enumerate(names) for b in names[:k]]
@@ -192,6 +215,7 @@ class LocalModel:
         if (rows < 0).any() or not self.slopes:
             return self._called(rows, inputs, parameters)
         best, least = self.places[0], math.inf
+        trusted = np.maximum(_TRUST * self.scale, self.own)
         away = self._parts(rows, inputs, parameters, self.places[0])
         for place in reversed(self.places):
             if np.isnan(place.values[rows, 0]).any():
@@ -199,16 +223,17 @@ class LocalModel:
             gone = self._bend(self._parts(rows, inputs, parameters, place))
             from_base = self._parts(rows, place.inputs[rows], place.parameters[rows], self.places[0])
             off = gone * (gone + 2 * self._bend(from_base))
-            error = float(np.sqrt(np.max(np.mean((off / self.scale) ** 2, axis=0))))
+            error = float(np.sqrt(np.max(np.mean((off / trusted) ** 2, axis=0))))
             if error < least:
                 best, least = place, error
         same = parameters.ndim == 1 or bool(np.ptp(parameters, axis=0).max(initial=0.0) == 0)
         able = same or self.takes_rows or self.caller.one
-        if least > _TRUST and able and self._at_home(inputs, parameters):
+        if least > 1.0 and able and self._at_home(inputs, parameters):
             try:
                 values = self._called(rows, inputs, parameters)
-            except Exception as error:  # whatever a simulator does far from where it is at home
-                self.refused = self.refused or f"{type(error).__name__}: {one_line(str(error))}"
+            except DataError as error:  # whatever a simulator does far from where it is at home
+                said = error.__cause__ or error
+                self.refused = self.refused or f"{type(said).__name__}: {one_line(str(said))}"
                 values = np.full((len(rows), len(self.scale)), np.nan)
             if np.isfinite(values).all():
                 n, m = len(self.inputs), values.shape[1]
@@ -299,25 +324,37 @@ class LocalModel:
 
     def _differentiate(self, variables: list[Variable], at: Place) -> None:
         """Take slopes and curvatures of `variables` at a place of all rows, all calls side by side."""
-        p = at.parameters[0]
-        questions = []
+        p, n = at.parameters[0], len(at.inputs)
+        offsets: dict[str, list[Any]] = {}
         for v in variables:
-            h = self.steps[v.name]
-            questions += [_varied(v, at.inputs, p, s) for s in self._offsets(v, h, p)]
-        answers = self.caller.ask(questions)
-        for k, v in enumerate(variables):
-            h, (one, two) = self.steps[v.name], answers[2 * k : 2 * k + 2]
-            first, second = self._offsets(v, h, p)
-            if first * second < 0:
-                slope, bend = (one - two) / (2 * first), (one - 2 * at.values + two) / (2 * h * h)
+            rough = v.name in self.rough
+            offsets[v.name] = self._fan(v, at) if rough else [*self._offsets(v, self.steps[v.name], p)]
+        answers = iter(self.caller.ask([_varied(v, at.inputs, p, s) for v in variables for s in offsets[v.name]]))
+        for v in variables:
+            h, off = self.steps[v.name], offsets[v.name]
+            around = [next(answers) for _ in off]
+            if not np.isfinite(around).all():
+                bad = off[next(k for k, one in enumerate(around) if not np.isfinite(one).all())]
+                far = f"{np.max(np.abs(bad)):.3g} off what was read" if v.is_input else f"{p[v.at] + bad:.6g}"
+                raise DataError(f"the simulator gives no finite number where {v.name} is {far}; state narrower bounds")
+            if v.name in self.rough:
+                x = np.stack([np.zeros(n), *(np.broadcast_to(one, n) for one in off)], axis=-1) / h
+                fit = np.linalg.pinv(x[..., None] ** np.arange(4))[:, 1:3]  # (n, 2, 5)
+                terms = fit @ np.stack([at.values, *around], axis=1) / np.array([h, h * h])[:, None]
+                own = np.maximum(self.noise, self.rough[v.name])
+                noise = np.linalg.norm(fit, axis=-1)[..., None] * own / np.array([h, h * h])[:, None]
+                slope, bend = terms[:, 0], terms[:, 1]
+                chance = (2 + 8 * math.sqrt(2 / n)) * np.mean(noise[:, 0] ** 2, axis=0)
+                slope, least = np.where(np.mean(slope**2, axis=0) > chance, slope, 0.0), 3 * noise[:, 1]
             else:
-                slope = (4 * one - two - 3 * at.values) / (2 * first)
-                bend = (two - 2 * one + at.values) / (2 * h * h)
-            if not (np.isfinite(slope).all() and np.isfinite(bend).all()):
-                raise DataError(
-                    f"the simulator gives no finite number where {v.name} is {abs(h):.3g} off; state narrower bounds"
-                )
-            bend = np.where(np.abs(bend) > 2 * self.noise / (h * h), bend, 0.0)
+                (one, two), (first, second) = around, off
+                if first * second < 0:
+                    slope, bend = (one - two) / (2 * first), (one - 2 * at.values + two) / (2 * h * h)
+                else:
+                    slope = (4 * one - two - 3 * at.values) / (2 * first)
+                    bend = (two - 2 * one + at.values) / (2 * h * h)
+                least = 2 * self.noise / (h * h)
+            bend = np.where(np.abs(bend) > least, bend, 0.0)
             self.slopes[v.name], self.curves[v.name] = slope, bend
             self.reaches[v.name] = np.sqrt(np.sqrt(np.mean(bend**2, axis=0)))
 
@@ -326,6 +363,18 @@ class LocalModel:
         if v.is_input or (p[v.at] - h >= v.lower and p[v.at] + h <= v.upper):
             return h, -h
         return (h, 2 * h) if p[v.at] - h < v.lower else (-h, -2 * h)
+
+    def _fan(self, v: Variable, at: Place) -> list[Any]:
+        """Return four offsets about the values of a place, or about values further within the limits."""
+        here, h = at.inputs[:, v.at] if v.is_input else at.parameters[0, v.at], self.steps[v.name]
+        middle = self._inward(v, here, 3 * h) - here
+        return [middle + k * h for k in _FAN]
+
+    def _inward(self, v: Variable, values: Any, reach: float) -> Any:
+        """Return values that are at least `reach` within the limits of a variable, of an input within its range."""
+        column = self.inputs[:, v.at] if v.is_input else np.array([v.lower, v.upper])
+        lower, upper = float(column.min()) + reach, float(column.max()) - reach
+        return np.clip(values, lower, upper) if lower <= upper else values
 
     def _own_noise(self, rows: NDArray[np.intp]) -> Array:
         """Return the standard deviation of the simulator's own noise in each output, (m,)."""
@@ -337,6 +386,8 @@ class LocalModel:
             [u] = [v for v in self.variables if v.is_input][:1]
             questions = [_varied(u, here, self.parameters, _NEAR * k * u.width) for k in range(_TABLE)]
         table = np.stack(self.caller.ask(questions))
+        if not np.isfinite(table).all():
+            raise DataError("the simulator gives no finite number right beside the nominal parameters; state others")
         found, sign = [], []
         gamma = 1.0
         for k in range(1, _TABLE - 1):
@@ -353,6 +404,53 @@ class LocalModel:
                     noise[j] = levels[k, j]
                     break
         return np.asarray(noise)
+
+    def _rough_step(self, v: Variable, rows: NDArray[np.intp]) -> float:
+        """Return the step of the fan where an output is rough along a variable, noting how rough; 0 where none is."""
+        levels, found = self._levels([v], rows)
+        if not found.any():
+            return 0.0
+        self.rough[v.name] = found
+        curved = np.max(levels / np.maximum(found, _TRUST * self._spread()), axis=1) > _RATIO[1]
+        return float(_RADII[min(1 + int(np.sum(curved)), len(curved))] * v.width)
+
+    def _levels(self, variables: Sequence[Variable], rows: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Return third differences along these variables together, as a noise, (steps, m), and how rough it is."""
+        radii, m = _RADII[: None if self.independent else 4], len(self.scale)
+        asked = []
+        for radius in np.outer(radii, [1, -1]).ravel():
+            inputs, p = self.inputs[rows], self.parameters
+            for v in variables:
+                here = inputs[:, v.at] if v.is_input else p[v.at]
+                middle = self._inward(v, here, radii[0] * v.width)
+                inputs, p = _varied(v, inputs, p, middle - here + radius * v.width)
+            asked.append((inputs, p))
+        try:
+            answers = np.stack(self._asked_at_once(asked))
+        except DataError:  # whatever a simulator does where it is not at home
+            return np.zeros((len(radii) - 1, m)), np.zeros(m)
+        odd = answers[::2] - answers[1::2]
+        levels = np.sqrt(np.mean((odd[:-1] - 3 * odd[1:]) ** 2, axis=1) / 20)
+        most = self._spread()
+        stays = (levels[1:] * _FALL > levels[:-1]) & (levels[1:] < most) & (levels[1:] > 30 * self.noise)
+        first = levels[1 + np.argmax(stays, axis=0), np.arange(m)]
+        known = np.where(self.noise > _LOUD * most, self.noise, 0.0)
+        found = np.maximum(known, np.where(stays.any(axis=0), first, 0.0))
+        return levels, found * np.isfinite(levels).all()
+
+    def _asked_at_once(self, asked: Sequence[tuple[Array, Array]]) -> Sequence[Array]:
+        """Return the answers to questions of a few rows each, in one call where the simulator takes them so."""
+        parameters = np.array([p for _, p in asked])
+        same = bool((parameters == parameters[0]).all())
+        if not (self.independent and (same or self.takes_rows)):
+            return self.caller.ask(asked)
+        each = parameters[0] if same else np.repeat(parameters, [len(u) for u, _ in asked], axis=0)
+        [answers] = self.caller.ask([(np.concatenate([u for u, _ in asked]), each)])
+        return np.split(answers, len(asked))
+
+    def _spread(self) -> Array:
+        """Return the noise of the readings, or where nobody states it a twentieth of an output's range, (m,)."""
+        return np.where(np.isfinite(self.scale), self.scale, 0.05 * np.ptp(self.places[0].values, axis=0))
 
     def _step(self, v: Variable, rows: NDArray[np.intp]) -> float:
         """Return the step of the central difference in one variable."""
@@ -382,7 +480,7 @@ class LocalModel:
         return h
 
 
-def _varied(v: Variable, inputs: Array, parameters: Array, change: float) -> tuple[Array, Array]:
+def _varied(v: Variable, inputs: Array, parameters: Array, change: float | Array) -> tuple[Array, Array]:
     if v.is_input:
         moved = inputs.copy()
         moved[:, v.at] += change
