@@ -109,7 +109,7 @@ def robust(model: Model, noise: Array) -> Array:
 
 
 # parts of the misfit of shuffled readings: before a cure, after it; and the least improvement
-_FAR, _NEAR, _BETTER = 0.4, 0.2, 4.0
+FAR, _NEAR, _BETTER = 0.4, 0.2, 4.0
 _ROWS = 300  # most rows that are compared
 _LEAST = 8  # rows that are needed at least
 _TURN = 72  # places of a zero that are tried
@@ -120,7 +120,7 @@ _EXACT = 1e-10  # times the misfit of shuffled readings, or the numbers of a row
 _LARGEST = 4.0  # times the noise: the largest misfit of some hundred shuffled readings of noise alone
 _MOST_OUT = 0.05  # part of the rows that may be so far off
 Cure = tuple[str, float]  # a change that brings the readings to the model, in words, and the misfit after it
-_UNKNOWN = {"m": 1000.0, "um": 1e-3, "deg": pi / 180, "rad": 180 / pi}  # units that numbers may be in if none is stated
+UNKNOWN = {"m": 1000.0, "um": 1e-3, "deg": pi / 180, "rad": 180 / pi}  # units that numbers may be in if none is stated
 
 
 def refuse_wild(formulation: Formulation) -> None:
@@ -132,7 +132,7 @@ def refuse_wild(formulation: Formulation) -> None:
         few = kind.on(kind.data.rows(np.unique(np.linspace(0, n - 1, min(n, _ROWS)).astype(int))))
         q = Model(few).quantities()[0]
         misfit = _misfit(few, q)
-        if not misfit > _FAR or getattr(few, "of_rows", None) is not None:  # a simulator: hundreds of calls
+        if not misfit > FAR or getattr(few, "of_rows", None) is not None:  # a simulator: hundreds of calls
             continue
         cures = [one for one in _cures(few, q, kind) if one[1] < min(_NEAR, misfit / _BETTER)]
         if not cures:
@@ -148,7 +148,7 @@ def refuse_wild(formulation: Formulation) -> None:
 def as_far_as_shuffled(formulation: Formulation, x: Array) -> bool:
     """Return whether a model, calibrated to parameters x, is hardly nearer to its readings than to shuffled ones."""
     kinds = [kind for rows, kind in _kinds(formulation) if len(rows) >= _LEAST]
-    return any(_misfit(kind, Model(kind).quantities(x)[0]) > _FAR for kind in kinds)
+    return any(_misfit(kind, Model(kind).quantities(x)[0]) > FAR for kind in kinds)
 
 
 def wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
@@ -294,7 +294,7 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers], whole: Formulatio
     unstated = [names for group in by_unit if (names := tuple(n for n in group if n not in stated))]
     for names in dict.fromkeys((*groups, *by_unit, *unstated, *single)):
         unit, one = unit_of[names[0]], len(names) == 1
-        for other, factor in (factors_near(unit) if unit else _UNKNOWN).items():
+        for other, factor in (factors_near(unit) if unit else UNKNOWN).items():
             misfit = _changed(formulation, q, names, partial(np.multiply, factor))
             missing = json.dumps(dict.fromkeys(names, other), ensure_ascii=False)
             way_out = f"{'looks' if one else 'look'} like {other}; state the unit of the column: units={missing}"

@@ -121,11 +121,14 @@ class ProjectedScores:
 
     def gain(self, T: float, m: int) -> float:
         """Return what a candidate of rank m that explains T brings in twice the log-likelihood."""
-        return float(self.gains(np.asarray(T), np.asarray(m))) if self.profiled else T
+        return float(self.gains(np.asarray(T), np.asarray(m)))
 
     def gains(self, T: Array, m: Array) -> Array:
-        if not self.profiled or not self.total > 0:
-            return T if not self.profiled else np.zeros_like(T)
+        """Return the same of several candidates."""
+        if not self.profiled:
+            return T
+        if not self.total > 0:
+            return np.zeros_like(T)
         rest = np.maximum(self.degrees - m, 1)
         return np.asarray(rest * np.log(self.total / np.maximum(self.total - T, 1e-12 * self.total)))
 

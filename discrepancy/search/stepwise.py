@@ -279,9 +279,7 @@ def _settled(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept
         effects = [s[0].effect for s in after.sets if s is not worst]
 
 
-def _in_place_of_one(
-    picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept, first: Tests
-) -> Picked:  # fmt: skip
+def _in_place_of_one(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept, first: Tests) -> Picked:
     """Return two other names instead of the only pick, which may represent their sum; else the pick.
 
     `first` are the tests of the model without effects.

@@ -7,7 +7,9 @@ import sys
 
 import pytest
 
+from calibench.bench.gate.processes import CAN_FORK
 from calibench.bench.report.shared.kept import RECORD, Kept, code, state_of
+from calibench.bench.report.study import write
 
 _SWEEP = "run -m problem=sensor_zero,link_length optimizer=lm seeds=2 budget=60 start=random study=s results=."
 
@@ -48,6 +50,18 @@ def test_a_run_more_draws_the_figures_of_its_problem_alone(run_bench, study):
     assert (study / "report.html").read_text() != page
     drawn = {name.partition(".")[0] for name, time in _times(study / "figures").items() if before.get(name) != time}
     assert drawn == {"ecdf", "convergence_sensor_zero", "target_sensor_zero"}
+
+
+def test_a_report_is_the_same_where_a_process_beside_it_builds_the_problems(run_bench, study, monkeypatch):
+    made = []
+    for can_fork in (CAN_FORK, False):
+        monkeypatch.setattr(write, "CAN_FORK", can_fork)
+        assert run_bench("report s")[0] == 0
+        files = [path for path in study.rglob("*") if path.suffix in (".html", ".csv", ".svg", ".png")]
+        made.append({path.relative_to(study): path.read_bytes() for path in files})
+        for path in (*files, study / RECORD):
+            path.unlink()
+    assert made[0] == made[1]
 
 
 def test_a_record_that_is_damaged_or_of_other_code_is_none(tmp_path):

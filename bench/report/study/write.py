@@ -166,7 +166,7 @@ def write_report(
 def _of_problems(
     runs: pd.DataFrame, additions: Additions, known: dict[tuple[str, ...], Any]
 ) -> Iterator[Iterator[Any]]:  # fmt: skip
-    """Yield what needs the problems themselves: their levels, with what is told of them; then the tables.
+    """Yield what needs the problems themselves: their levels, with what is stated of them; then the tables.
 
     A process beside this one builds them, where all are of installed packages: compiled code takes 70 MB.
     """

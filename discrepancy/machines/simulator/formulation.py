@@ -24,6 +24,7 @@ from calibench.core import user_file
 from calibench.core.notes import Code, Note
 from calibench.core.options import shown, suggest
 from calibench.core.words import counted, plain, print_plain
+from calibench.discrepancy.checks.wild import FAR, UNKNOWN
 from calibench.discrepancy.machines.simulator import caller as calls
 from calibench.discrepancy.machines.simulator.caller import Caller, Names, duration, simulators
 from calibench.discrepancy.machines.simulator.local import FEW, LocalModel, Variable
@@ -38,9 +39,8 @@ WAY = "direction of "  # before an input: the sign of its last change
 _LONG = 30.0  # s: what takes longer is told beforehand
 _SEARCH = 12  # passes of a search, about, beside those of calibration and slopes
 _CALIBRATIONS = 3
-_FAR, _CURED = 0.4, 0.3  # of the misfit of shuffled readings: after calibration, and by a factor at the start
+_CURED = 0.3  # of the misfit of shuffled readings: by a factor, at the nominal parameters
 _FEW_OF_UNITS = 50  # rows that are tried with a factor
-_UNITS = (1000.0, 1e-3, 180 / np.pi, np.pi / 180)
 _HEARD = 0.05  # of the noise of the readings: the simulator's own from which it is added to theirs
 _TOLD: set[tuple[str, int, bool]] = set()  # of what was told how long it takes: a search formulates more than once
 
@@ -343,7 +343,7 @@ def _refuse_units(name: str, local: LocalModel, nominal: Array, seen: Array, fit
         here, there = (np.median(np.abs(factor * y - predicted), axis=0) for y in (read, mixed))
         return np.asarray(np.where(np.isfinite(here) & (there > 0), here / np.where(there > 0, there, 1.0), 1.0))
 
-    far = misfit(local.places[0].values[rows]) > _FAR
+    far = misfit(local.places[0].values[rows]) > FAR
     if len(rows) < _FEW_OF_UNITS // 2 or not far.any():
         return
     inputs = local.inputs[rows]
@@ -351,9 +351,9 @@ def _refuse_units(name: str, local: LocalModel, nominal: Array, seen: Array, fit
     cures = []
     for k, y in enumerate(names.outputs):
         of_one = np.arange(len(names.outputs)) == k
-        cures += [(np.where(of_one, misfit(predicted, f), misfit(predicted)), y, f) for f in _UNITS]
+        cures += [(np.where(of_one, misfit(predicted, f), misfit(predicted)), y, f) for f in UNKNOWN.values()]
     for k, u in enumerate(names.inputs if local.independent else ()):
-        for factor in _UNITS:
+        for factor in UNKNOWN.values():
             with suppress(DataError):
                 [other] = local.caller.ask([(inputs * np.where(np.arange(inputs.shape[1]) == k, factor, 1.0), nominal)])
                 cures.append((misfit(other), u, factor))
