@@ -188,7 +188,7 @@ def accounts(
 
     `errors` are names that may be the error of the form of these: what they explain is left to that.
     """
-    of = ("accounts", *map(name_of, (*named, *errors)), len(terms), at.x, at.r)
+    of = ("accounts", len(named), *map(name_of, (*named, *errors)), len(terms), at.x, at.r)
     return kept_step(lambda: _accounts(at, terms, named, errors), of)
 
 
@@ -228,7 +228,7 @@ def _accounts(
         return part.errors(*of, len(names))
 
     def account(columns_of: Iterable[tuple[str, ...]]) -> list[Account]:
-        known = {names: once(partial(smooth, *names), fixed, "errors", names, law) for names in columns_of}
+        known = {names: once(partial(smooth, *names), fixed, "errors", len(named), names, law) for names in columns_of}
         return part.accounts(known)
 
     tried = account((name,) for name in columns)

@@ -103,6 +103,10 @@ def test_two_waves_of_nearly_one_period_are_a_beat_and_no_two_causes() -> None:
     assert [Doubt.ONE_CAUSE in f["caution"] for f in said["findings"]] == [True, True]
 
 
+def test_two_names_and_a_name_beside_the_error_of_its_form_are_weighed_each_by_itself() -> None:
+    assert told("foreign", 1000930)["verdict"] == "partly"  # asks of both in one search
+
+
 def test_play_whose_size_goes_with_the_velocity_may_be_friction() -> None:
     said = told("foreign", 980042)
     assert (said["cause"], said["verdict"]) == ("stribeck", "partly")
