@@ -98,6 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if "numpy" not in sys.modules:  # else `one_thread` holds them, where a run begins
         for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
             os.environ.setdefault(threads, "1")  # matrices here are small; and the same bits with any number of workers
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # its own keeps some 50 MB of what tables took
     process.rest()
     # problem=my_module:MyProblem is found where the user stands, behind all that has another of its names
     from pathlib import Path

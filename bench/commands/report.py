@@ -22,7 +22,6 @@ def report(argv: list[str]) -> int:
             print("nothing has changed since these were written")
             return 0
     import pandas as pd  # a second, with what follows
-    import pyarrow as pa
 
     from calibench.bench.commands.cells import print_summary
     from calibench.bench.commands.study import store_of, tell_damaged
@@ -31,7 +30,6 @@ def report(argv: list[str]) -> int:
     from calibench.bench.statistics.cells import mixed_code
     from calibench.bench.statistics.names import problem_titles
 
-    pa.set_memory_pool(pa.system_memory_pool())  # which gives back what reading took: of 1e5 runs 45 MB
     store = store_of(argv)
     damaged, finished = store.damaged(), finished_runs(store)
     with report_progress() as tell:
