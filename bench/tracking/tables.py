@@ -206,28 +206,22 @@ def query(results: Path, text: str) -> tuple[list[str], list[tuple[Any, ...]], l
                 if row is not None:
                     arms.append(row | {"folder": texts[entry.study]})
         in_memory["calibrations"] = pa.Table.from_pylist(arms, CALIBRATIONS_SCHEMA)
-    groups, damaged = _by_columns(files, sealed=False)
+    groups, damaged = _by_columns(files)
     try:
-        try:
-            answer = _answer(text, groups, in_memory)
-        except (duckdb.ParserException, duckdb.BinderException, duckdb.CatalogException):  # the question is wrong
-            raise
-        except duckdb.Error:  # a file may be: asked of those that are as they were written
-            groups, damaged = _by_columns(files, sealed=True)
-            answer = _answer(text, groups, in_memory)
+        answer = _answer(text, groups, in_memory)
     except duckdb.Error as error:
         raise ValueError(f"sql: {' '.join(str(error).split())[:600]}") from None
     return *answer, [*left_out, *damaged]
 
 
-def _by_columns(files: Mapping[str, Sequence[Path]], *, sealed: bool) -> tuple[Groups, list[LeftOut]]:
-    """Return of each table its files in groups with the same columns, and what is left out."""
+def _by_columns(files: Mapping[str, Sequence[Path]]) -> tuple[Groups, list[LeftOut]]:
+    """Return of each table its files in groups with the same columns, and what is left out: DuckDB checks no bytes."""
     groups: dict[str, dict[frozenset[str], list[Path]]] = {name: {} for name in files}
     left_out = []
     for name, paths in files.items():
         for path in paths:
             try:
-                columns = frozenset(check_table(path, sealed=sealed and name in _SEALED).schema_arrow.names)
+                columns = frozenset(check_table(path, sealed=name in _SEALED).schema_arrow.names)
                 groups[name].setdefault(columns, []).append(path)
             except StoreError as error:
                 left_out.append(LeftOut(path.parent, str(error)))

@@ -236,6 +236,20 @@ def test_sql_reads_files_of_any_name_and_of_fewer_columns_and_leaves_out_the_dam
         assert (rows, left_out.path) == ([(2, True)], (results / "odd 1").absolute())
 
 
+@pytest.mark.parametrize("table", ["runs", "traces"])
+def test_sql_leaves_out_a_table_with_a_damaged_byte_wherever_it_is(results, table):
+    pytest.importorskip("duckdb")
+    path, asked = results / "one" / f"{table}.parquet", f"select count(distinct run_id) from {table}"
+    query(results, asked)
+    whole, read_at = path.read_bytes(), path.stat()
+    footer = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")
+    for at in range(footer // 13, footer, footer // 12):
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+        os.utime(path, ns=(read_at.st_atime_ns, read_at.st_mtime_ns))  # by the disk, not by a program
+        _, [(count,)], [left_out] = query(results, asked)
+        assert (count, left_out.path) == (1, path.parent.absolute())
+
+
 def test_a_dataset_reads_what_is_asked_for(results):
     table = dataset(results, "runs", "optimizer=de").to_table(columns=["problem"])
     assert table.to_pydict() == {"problem": ["link_length"]}
