@@ -10,13 +10,13 @@ import os
 import shlex
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from time import monotonic, process_time
-from typing import Any, Literal, final
+from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 
@@ -48,6 +48,9 @@ from calibench.discrepancy.model.machine import Completed, Machine
 from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.registries import description_of, descriptions, families, machines
 from calibench.discrepancy.report import Report
+
+if TYPE_CHECKING:
+    from calibench.bench.discovery.page.page import Draw
 
 Pages = Literal["auto", "all", "none"]
 
@@ -317,16 +320,36 @@ def _search(
     known = None if retry or not data_id else store.done(source.case, case_id)
     if known is not None and (page.exists() or not pages):
         return Outcome(known, True, page if page.exists() else None)
-    began, cpu = datetime.now(UTC), process_time()
-    origin = {**provenance(), "started_at": began.isoformat()}
+    origin = {**provenance(), "started_at": datetime.now(UTC).isoformat()}
     record = SearchRecord(source.case, source.machine, case_id, data_id, request.options, origin)
+    with _drawing(beside=alone) if pages else nullcontext() as draw:
+        record = _searched(record, request, source, others, retry, alone, draw)
+    store.write(record)
+    if sent and record.report is not None:
+        record = replace(record, report=replace(record.report, candidates=(), fitted=None))
+    return Outcome(record, False, page if page.exists() else None)
+
+
+def _drawing(beside: bool) -> "AbstractContextManager[Draw]":
+    from calibench.bench.discovery.page.page import drawing
+
+    return drawing(beside)
+
+
+def _searched(
+    record: SearchRecord, request: DiscoverRequest, source: Source, others: Sequence[Source], retry: bool, alone: bool,
+    draw: "Draw | None",
+) -> SearchRecord:  # fmt: skip
+    """Return the record with what the search found, or its error; the page of a report stands already."""
+    cpu, page = process_time(), request.folder / source.case / "report.html"
     report: Report | None = None
     try:
         data = source.read(request.stated)
-        if source.data_id != data_id:
+        if source.data_id != record.data_id:
             raise DataError(f"{source.path}: changed while it was read; wait until it is written, then ask again")
         machine = request.build_machine()
-        with keeping_steps(cache_root() / "searches" / digest(case_id, origin["versions"]), anew=retry):
+        steps = cache_root() / "searches" / digest(record.case_id, record.provenance["versions"])
+        with keeping_steps(steps, anew=retry):
             report = with_advice(discrepancy.explain(machine, data), data, machine)
         if others:
             report = discrepancy.carried(report, [replace(o.read(request.stated), name=o.case) for o in others])
@@ -336,20 +359,17 @@ def _search(
         if alone and isinstance(error, DataError):
             raise
         record = replace(record, error=_in_a_line(error), seconds=process_time() - cpu)
-    store.open(request.command)
+    FindingStore(request.folder).open(request.command)
     page.unlink(missing_ok=True)
-    if pages and report is not None:
+    if draw is not None and report is not None:
         from calibench.bench.discovery.page.page import write_report
 
         try:
-            write_report(record, report, data, page.parent)
+            write_report(record, report, data, page.parent, draw)
         except Exception as error:  # the verdict stands without its page
             note = Note(Code.NO_PAGE, f"the page could not be drawn: {_in_a_line(error)}")
             record = replace(record, report=replace(report, notes=(*report.notes, note)))
-    store.write(record)
-    if sent and record.report is not None:
-        record = replace(record, report=replace(record.report, candidates=(), fitted=None))
-    return Outcome(record, False, page if page.exists() else None)
+    return record
 
 
 def _in_a_line(error: Exception) -> str:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from importlib.resources import files
 from math import nan
@@ -22,6 +22,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from calibench.bench.provenance.environment import provenance
+from calibench.bench.store.arrays import array_of
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import DISCOVERY, StoreError, is_discovery
 from calibench.core.plain import finite, json_of
@@ -50,6 +51,7 @@ GAPS_SCHEMA = pa.schema(
         ("seconds", _REAL), *_ORIGIN,
     ]
 )  # fmt: skip
+_EPOCH, _MICROSECOND = datetime.fromtimestamp(0, UTC), timedelta(microseconds=1)
 _GAP = ("noise_floor", "train_before", "train_after", "held_out_before", "held_out_after", "excess_shrink")
 
 
@@ -107,7 +109,7 @@ class FindingStore:
                 continue
             report, began = record.report, record.provenance.get("started_at")
             origin = {
-                **record.provenance, "started_at": None if began is None else datetime.fromisoformat(began),
+                **record.provenance, "started_at": began and (datetime.fromisoformat(began) - _EPOCH) // _MICROSECOND,
                 "case_id": record.case_id, "case": record.case, "machine": record.machine,
                 "verdict": report.verdict if report else "", "study": self.study, "schema_version": SCHEMA_VERSION,
             }  # fmt: skip
@@ -132,7 +134,8 @@ class FindingStore:
             })  # fmt: skip
         metadata = {"calibench": json.dumps(provenance() | {"schema_version": SCHEMA_VERSION})}
         for name, rows, schema in (("findings", findings, FINDINGS_SCHEMA), ("gaps", gaps, GAPS_SCHEMA)):
-            table = pa.Table.from_pylist(rows, schema.with_metadata(metadata))
+            columns = [array_of([row.get(field.name) for row in rows], field.type) for field in schema]
+            table = pa.Table.from_arrays(columns, schema=schema.with_metadata(metadata))
             write_whole(self.folder / f"{name}.parquet", partial(pq.write_table, table, compression="zstd"))
 
 

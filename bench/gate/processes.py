@@ -144,9 +144,10 @@ class WorkerPool:
     _broken: ProcessDied | None = field(default=None, init=False)
 
     def begin(self, jobs: Sequence[Job]) -> None:
-        """Take these jobs; answers of earlier jobs that nobody has taken are dropped."""
+        """Begin these jobs; answers of earlier jobs that nobody has taken are dropped."""
         self._jobs, self._sent, self._taken, self._answers = jobs, 0, 0, {}
         self._round += 1
+        self._feed()
 
     def take(self) -> Answer:
         """Return the answer of the next job, in the order of the jobs, or raise what it raised."""

@@ -28,6 +28,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from calibench.bench.measured.by_time import ros_columns
+from calibench.bench.store.arrays import numbers
 from calibench.bench.store.atomic_file import write_whole
 from calibench.core.notes import Code, DataError, Note
 from calibench.core.options import read_word, shown
@@ -295,11 +296,11 @@ def _as_numpy(name: str, column: pa.ChunkedArray) -> Any:
     if pa.types.is_boolean(kind):
         return np.array([bool(value) for value in column.to_pylist()], dtype=bool)  # neither true nor false: not valid
     if pa.types.is_integer(kind) and not column.null_count:
-        return column.to_numpy().astype(np.int64)
+        return numbers(column).astype(np.int64)
     if pa.types.is_null(kind):
         return np.full(len(column), np.nan)
     if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
-        return column.cast(pa.float64()).to_numpy().astype(float)  # what is missing is NaN
+        return numbers(column.cast(pa.float64()), np.nan).astype(float)
     raise DataError(f"column {name}: numbers, words or true and false are needed, it holds {kind}")
 
 

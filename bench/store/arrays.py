@@ -42,6 +42,9 @@ def array_of(values: Sequence[Any], kind: pa.DataType) -> pa.Array:
     """Return what ``pa.array(values, kind)`` returns, and raise what it raises; None is null."""
     python, number = (list, None) if pa.types.is_list(kind) else _PYTHON.get(kind, (None, None))
     types = set(map(type, values))
+    if pa.types.is_struct(kind) and types <= {dict}:
+        fields = [array_of([value.get(field.name) for value in values], field.type) for field in kind]
+        return pa.StructArray.from_arrays(fields, fields=[*kind])
     if python is None or not types <= {python, NoneType}:
         return pa.array(values, kind)
     valid = None

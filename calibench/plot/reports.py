@@ -12,7 +12,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from calibench.bench.calibration.page import draw_joints, joints_size
-from calibench.bench.discovery.page.figures import Residuals, draw_gap, draw_residuals, gap_of, means_of, series_of
+from calibench.bench.discovery.page.figures import draw_gap, draw_residuals, gap_of, means_of
+from calibench.bench.discovery.page.shown import Residuals, series_of
 from calibench.bench.discovery.page.words import compared, floor_holds_the_gap, noise_words
 from calibench.bench.report.shared.drawing import axes_in, explain_lines, figure_of
 from calibench.calibration.calibrate import Calibration

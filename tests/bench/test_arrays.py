@@ -30,6 +30,9 @@ KINDS = {
     pa.float64(): st.floats(),
     pa.bool_(): st.booleans(),
     pa.timestamp("us", tz="UTC"): st.integers(-(2**55), 2**55),
+    pa.struct([("name", pa.string()), ("weight", pa.float64())]): st.fixed_dictionaries(
+        {"name": st.text()}, optional={"weight": st.none() | st.floats(), "more": st.booleans()}
+    ),
 }
 
 

@@ -9,17 +9,10 @@ import pytest
 
 from benchmarks.blind.gpm2002.simulate import case
 from calibench import discrepancy
-from calibench.bench.discovery.page import figures
-from calibench.bench.discovery.page.figures import (
-    Residuals,
-    Series,
-    candidate_chart,
-    discovery_figures,
-    gap_chart,
-    residual_chart,
-    where_map,
-)
-from calibench.bench.discovery.page.page import Page
+from calibench.bench.discovery.page import figures, shown
+from calibench.bench.discovery.page.figures import candidate_chart, gap_chart, residual_chart, where_map
+from calibench.bench.discovery.page.page import Page, drawing
+from calibench.bench.discovery.page.shown import Residuals, Series, Shown, shown_by
 from calibench.bench.discovery.page.words import chance_sentence, gap_sentence, headline, moved_sentence, next_sentences
 from calibench.bench.report.shared.page import inline_svg
 from calibench.core.notes import Code, Note
@@ -209,8 +202,9 @@ def test_a_chart_is_drawn_where_every_reading_is_taken_for_outlying(monkeypatch)
     made = case(14, family="outlier", lam=3.0, xy=False)
     report = discrepancy.explain("gpm2002", discrepancy.MeasuredData(made.columns, "gpm2002", made.metadata))
     all_of_them = SimpleNamespace(weights=np.ones(len(report.model.fit.model.formulation.data)))
-    monkeypatch.setattr(figures, "outliers_under", lambda *_: all_of_them)
-    [(_, (_, table))] = figures.noise_charts(report)
+    monkeypatch.setattr(shown, "outliers_under", lambda *_: all_of_them)
+    [drawn] = [one for one in shown_by(report, Series({})) if one.name == "noise_1"]
+    _, table = figures.made(drawn)
     assert table["outlying"].all()
 
 
@@ -219,10 +213,24 @@ def test_a_chart_is_drawn_where_every_reading_is_taken_for_outlying(monkeypatch)
 )
 def test_no_best_possible_error_is_drawn_from_noise_that_held_the_gap(notes, drawn):
     report = told(gap={**GAP, "held_out_before": 0.7, "held_out_after": 0.14}, notes=notes, findings=[FINDING])
-    series = Series(pd.DataFrame())
-    [(_, (figure, _))] = [made for made in discovery_figures(report, series) if made[0] == "gap"]
+    [gap] = [one for one in shown_by(report, Series({})) if one.name == "gap"]
+    figure, _ = figures.made(gap)
     said = [text.get_text() for text in figure.axes[0].texts]
     assert any("best possible" in words for words in said) is drawn
+
+
+def test_a_process_beside_draws_the_same_and_tells_what_it_could_not(tmp_path):
+    report = told(gap=GAP, findings=[FINDING], where=[{"target": "leg 2", "covariate": "temp_K", "p": 1e-9}])
+    both = [*shown_by(report, Series({}))]
+    written = []
+    for beside in (False, True):
+        with drawing(beside) as draw:
+            paths = draw(both, tmp_path / str(beside))
+        assert [path.stem for path in paths] == [one.name for one in both]
+        written.append([file.read_bytes() for path in paths for file in sorted(path.parent.glob(f"{path.stem}.*"))])
+    assert written[0] == written[1]
+    with drawing(beside=True) as draw, pytest.raises(TypeError, match="missing 1 required"):
+        draw([Shown("gap", "gap_chart", (report.gap,))], tmp_path)
 
 
 def test_a_remark_on_a_page_ends_as_it_is_meant_and_keeps_the_names_of_columns():

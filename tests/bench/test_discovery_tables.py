@@ -12,17 +12,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from benchmarks.blind.gpm2002.simulate import case as planar_case
 from benchmarks.blind.orthoglide import case
 from calibench import discrepancy
-from calibench.bench.discovery.page.figures import (
-    Residuals,
-    Workspace,
-    candidate_chart,
-    gap_chart,
-    residual_chart,
-    series_of,
-    where_map,
-    workspace_map,
-)
+from calibench.bench.discovery.page.figures import candidate_chart, gap_chart, residual_chart, where_map, workspace_map
 from calibench.bench.discovery.page.page import Page, parameter_table, score_table, set_table, smallest, untested_lines
+from calibench.bench.discovery.page.shown import Residuals, Workspace, series_of
 from calibench.bench.discovery.page.words import column_sentence, headline, next_sentences
 from calibench.bench.report.shared.page import macros
 from calibench.discrepancy.labels import effect_label

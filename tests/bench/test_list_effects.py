@@ -51,6 +51,8 @@ def drawn_by(source: str) -> set[str]:
             yielded = [node.value for node in ast.walk(function) if isinstance(node, ast.Yield)]
             names = [node.elts[0] for node in yielded if isinstance(node, ast.Tuple)]
             found |= {word.value.strip("_") for name in names for word in ast.walk(name) if is_word(word)}
+        if isinstance(function, ast.Call) and ast.unparse(function.func) == "Shown":
+            found |= {word.value.strip("_") for word in ast.walk(function.args[0]) if is_word(word)}
         if isinstance(function, ast.Call) and ast.unparse(function.func) == "AddedFigure":
             name = function.args[0]
             found |= {name.value} if is_word(name) else {*figures.FIGURES}  # those of a dictionary
@@ -65,6 +67,6 @@ def test_the_figures_that_are_listed_are_those_that_pages_draw(capsys: pytest.Ca
     home = Path(list_command.__file__).parents[1]
     sources = (path.read_text(encoding="utf-8") for path in home.rglob("*.py"))
     drawn = set().union(
-        *(drawn_by(source) for source in sources if re.search(r"\bDraw(ing|able)\b|AddedFigure\(", source))
+        *(drawn_by(source) for source in sources if re.search(r"\bDraw(ing|able)\b|(AddedFigure|Shown)\(", source))
     )
     assert {row["name"] for row in json.loads(listed(capsys, "figures", "--json"))} == drawn

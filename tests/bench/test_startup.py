@@ -95,6 +95,14 @@ def test_a_search_loads_no_verb_and_no_format_that_it_does_not_use():
     assert not {"calibench.bench.calibration", "scipy.io", "matplotlib.pyplot"} & {*done.stdout.split()}
 
 
+def test_matplotlib_and_pandas_are_loaded_beside_a_search(tmp_path):
+    words = ["discover", "machine=gpm2002", "data=demo_backlash"]
+    names = loaded(tmp_path, "here", *words)
+    assert not {"pandas", "matplotlib"} & names
+    [drawn] = tmp_path.glob("discover/*/figures/gap.svg")
+    assert (drawn.parents[1] / "report.html").exists()
+
+
 @pytest.fixture(scope="module")
 def kernels_are_kept(tmp_path_factory):
     """Compile what the runs here need: a process that compiles loads the compiler."""

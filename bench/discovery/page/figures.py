@@ -1,39 +1,26 @@
-"""The drawings of a search for a missing effect, each with its numbers, in plain arrays, units and words.
-
-A whitened residual has no direct meaning for an engineer, and its sign depends on the pose. So the residuals of each
-reading are shown as the error of the one quantity that an effect changes (an encoder's angle, a link's length) which
-would cause them: with the whitened slopes s of that quantity, s . r / s . s, of weight s . s.
-"""
+"""The drawings of a search for a missing effect, each with its numbers, of the plain values that `shown` has."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from itertools import compress
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
 from textwrap import fill
-from typing import NamedTuple, final
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from scipy.special import erfc
 
-from calibench.bench.discovery.page.words import compared, floor_holds_the_gap, in_small_units, largest, noise_words
-from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, axes_in, figure_of
-from calibench.core.tables.cells import between
+from calibench.bench.discovery.page.shown import Residuals, Shown, Workspace
+from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, axes_in, figure_of, save
 from calibench.core.words import plain
-from calibench.discrepancy.diagnostics.noise import outliers_under
-from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.labels import NO_WORDS, effect_label, quantity_label, quantity_of
-from calibench.discrepancy.model.effect import Effect, name_of
-from calibench.discrepancy.model.machine import WORKSPACE
-from calibench.discrepancy.model.measured import sensor_of
-from calibench.discrepancy.model.model import Model
-from calibench.discrepancy.model.roles import roles_of, words_of
-from calibench.discrepancy.report import Finding, Gap, Place, Report
-from calibench.discrepancy.search.form import Modulated, forms_of
+from calibench.discrepancy.report import Gap, Place
 from calibench.problems.base import Array
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
@@ -47,19 +34,19 @@ _FEW = 12  # values of a covariate up to which each has a mean of its own
 _PANEL = 185.0  # points between the outer values of a panel of two
 _LETTER = 5.5  # points that a letter of a tick's label takes
 _VECTOR = 800  # dots up to which a drawing keeps them as shapes
+_SIZE = (7.2, 2.8)  # inches, of a drawing of the noise
+_BINS = 41
+_MANY = 800  # dots from which on they are drawn as pixels
 
 
-def discovery_figures(report: Report, series: Series) -> Iterator[tuple[str, Drawing]]:
-    if report.where:
-        yield "where", where_map(report.machine, report.where, report.words)
-    if series.workspace is not None:
-        yield "workspace", workspace_map(series.workspace)
-    if not series.candidates.empty:
-        yield "candidates", candidate_chart(report.machine, series.candidates)
-    for number, residuals in enumerate(series.residuals, start=1):
-        yield f"residuals_{number}", residual_chart(residuals)
-    if np.isfinite(report.gap.held_out_before) and report.gap.noise_floor > 0:
-        yield "gap", gap_chart(report.gap, compared(report), noise_words(report), not floor_holds_the_gap(report))
+def made(shown: Shown) -> Drawing:
+    drawing: Drawing = globals()[shown.drawing](*shown.values)
+    return drawing
+
+
+def written(shown: Shown, folder: Path) -> Path:
+    """Write the files of a drawing into `folder`; return the path of its SVG."""
+    return save(shown.name, made(shown), folder)[0]
 
 
 def where_map(machine: str, where: Sequence[Place], words: Mapping[str, str] = NO_WORDS) -> Drawing:
@@ -123,8 +110,9 @@ def workspace_map(workspace: Workspace) -> Drawing:
     return figure, table[["x", "y", "size", "mean", "strength"]]
 
 
-def candidate_chart(machine: str, candidates: pd.DataFrame) -> Drawing:
+def candidate_chart(machine: str, candidates: pd.DataFrame | Mapping[str, Sequence[Any]]) -> Drawing:
     """Draw what each candidate explains beyond its cost (BIC gain); those on the shortlist are dark and have a dot."""
+    candidates = pd.DataFrame(candidates)
     # of two that gain the same, the one that is reported comes first
     rank = pd.DataFrame({"gain": candidates["gain"].round(1), "chosen": candidates.get("chosen", False)})
     order = rank.sort_values(["gain", "chosen"], ascending=False, kind="stable").index
@@ -269,44 +257,12 @@ def draw_gap(axes: Axes, table: pd.DataFrame, noise: str, floor: bool) -> None:
     axes.grid(axis="y", visible=False)
 
 
-CAPTIONS = {
-    "outlier": "What the misfit of each reading would be as an error of this sensor. The quarter of the readings that "
-    "know it least is left out.",
-    "quantisation": "Readings of a sensor without steps lie anywhere between two steps (dashed); these lie on them.",
-    "heavy_tails": "How many residuals are at least so large. Gaussian noise would follow the dashed line and has an "
-    "excess kurtosis of 0; rare shocks reach beyond it and raise that number.",
-}
-_SIZE = (7.2, 2.8)
-_BINS = 41
-_MANY = 800  # dots from which on they are drawn as pixels
-
-
-def noise_charts(report: Report) -> Iterator[tuple[str, Drawing]]:
-    """Yield (name, drawing) for every finding of `report` that blames the noise."""
-    made: dict[str, Callable[[Report, Finding], Drawing]] = {
-        "outlier": outliers_in_time, "quantisation": steps_of_the_sensor, "heavy_tails": tails_of_the_residuals,
-    }  # fmt: skip
-    blamed = [finding for finding in report.findings if finding.family in made]
-    for number, finding in enumerate(blamed, start=1):
-        yield f"noise_{number}", made[finding.family](report, finding)
-
-
-def outliers_in_time(report: Report, finding: Finding) -> Drawing:
+def outliers_in_time(
+    timed: bool, at: Array, error: Array, outlying: NDArray[np.bool_], sure: NDArray[np.bool_], stated: float,
+    label: str, unit: str,
+) -> Drawing:  # fmt: skip
     """Draw the error that each reading of the sensor implies over time, and mark those taken for outlying."""
-    fit = report.model.fit
-    sensor = sensor_of(fit.model.formulation.sensors, finding.target)
-    encoder, data = sensor.column, fit.model.formulation.data
-    label = sensor.label or quantity_label(report.machine, encoder)
-    error, weight = error_of(encoder, fit)
-    factor, unit = in_small_units(sensor.unit, largest(error))
-    error = factor * error
-    timed = data.has("t_s")
-    at = np.asarray(data["t_s"] if timed else np.arange(len(data)), dtype=float)
-    outlying = outliers_under(fit.model, fit.x, finding.target).weights > 0.5
-    stated = factor * float(np.median(fit.model.formulation.sigma[encoder]))
     table = pd.DataFrame({"t_s" if timed else "reading": at, f"error_{unit}".rstrip("_"): error, "outlying": outlying})
-    known = weight if outlying.all() else weight[~outlying]
-    sure = ~outlying & (weight >= np.quantile(known, 0.25))  # others hardly know this encoder
     with axes_in(None, *_SIZE) as axes:
         two = f"two stated deviations, ±{plain(2 * stated, 3)} {unit}".rstrip()
         axes.axhspan(-2 * stated, 2 * stated, color="0.9", zorder=0, label=two)
@@ -319,32 +275,22 @@ def outliers_in_time(report: Report, finding: Finding) -> Drawing:
     return figure_of(axes), table
 
 
-def steps_of_the_sensor(report: Report, finding: Finding) -> Drawing:
-    """Draw how far the sensor's readings lie from the nearest step: all at 0 where it is read in such steps."""
-    formulation, step = report.before.fit.model.formulation, finding.amplitude.value
-    sensor = sensor_of(formulation.sensors, finding.target)
-    factor, unit = in_small_units(sensor.unit, step)
-    label = sensor.label or quantity_label(report.machine, sensor.column)
-    turns = np.asarray(formulation.data[sensor.column]) / step
-    origin = np.angle(np.exp(2j * np.pi * turns).mean()) / (2 * np.pi)
-    off = (turns - origin + 0.5) % 1.0 - 0.5
+def steps_of_the_sensor(off: Array, label: str, size: str) -> Drawing:
+    """Draw how far the sensor's readings lie from the nearest step of this size."""
     counts, edges = np.histogram(off, _BINS, (-0.5, 0.5))
     table = pd.DataFrame({"off_step": (edges[:-1] + edges[1:]) / 2, "readings": counts, "smooth": len(off) / _BINS})
     with axes_in(None, *_SIZE) as axes:
         axes.bar(table["off_step"], counts, 0.9 / _BINS, color=COLOURS[1])
         axes.axhline(len(off) / _BINS, color="black", ls="--", lw=1.2, label="readings without steps")
-        size = f"{plain(factor * step, 4)} {unit}".rstrip()
         axes.set(xlabel=f"distance of {label} from the nearest step of {size} [steps]", ylabel="readings",
                  xlim=(-0.5, 0.5))  # fmt: skip
         axes.legend(loc="upper right", fontsize=8)
     return figure_of(axes), table
 
 
-def tails_of_the_residuals(report: Report, finding: Finding) -> Drawing:
+def tails_of_the_residuals(size: Array) -> Drawing:
     """Draw how many residuals are larger than a size, and how many Gaussian noise of the same core would leave."""
-    size = np.sort(np.abs(report.before.fit.r))[::-1]
-    core = float(np.median(size)) / 0.6745  # the deviation of a Gaussian of the same median
-    table = pd.DataFrame({"size": size / core, "larger": np.arange(1, len(size) + 1)})
+    table = pd.DataFrame({"size": size, "larger": np.arange(1, len(size) + 1)})
     reach = np.linspace(0, max(4.5, float(table["size"].max())), 200)
     gauss = len(size) * np.asarray(erfc(reach / np.sqrt(2)))
     with axes_in(None, *_SIZE) as axes:
@@ -355,184 +301,3 @@ def tails_of_the_residuals(report: Report, finding: Finding) -> Drawing:
                  yscale="log", ylim=(0.5, None), xlim=(0, None))  # fmt: skip
         axes.legend(loc="upper right", fontsize=8)
     return figure_of(axes), table
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Residuals:
-    """The error of one quantity that each reading implies, (n,), without and with the effects, and its weight.
-
-    `effect` is its name in words; `values`, (n,), is what it depends on; `label` and `error` say what stands on the
-    two axes.
-    """
-
-    effect: str
-    label: str
-    error: str
-    values: Array
-    before: Array
-    after: Array
-    weight: Array
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Workspace:
-    """Where the tool stood [mm] and the whitened residual without an effect, (n,) each."""
-
-    x: Array
-    y: Array
-    residual: Array
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Series:
-    """`candidates`: effect, family, target, gain, in_set, chosen. `workspace` is None where there is none to draw."""
-
-    candidates: pd.DataFrame
-    residuals: tuple[Residuals, ...] = ()
-    workspace: Workspace | None = None
-
-
-def series_of(report: Report) -> Series:
-    """Return what the drawings of `report` show: a chart an effect, in the order of the findings."""
-    chosen = {finding.effect for finding in report.findings}
-    inside = {rival.effect for finding in report.findings for rival in finding.set} | chosen
-    keys = ("effect", "family", "target", "gain", "p", "visible_fraction")
-    table = pd.DataFrame({key: [getattr(c, key) for c in report.candidates] for key in keys})
-
-    implied = implied_errors(report)
-    periods = {finding.effect: finding.period for finding in report.findings}
-    charts = [_residuals(each, periods.get(name_of(each.effect), 0.0)) for each in implied]
-    if any(each.effect.family == "smooth" for each in implied):  # one correction, however many curves
-        charts = list({(chart.label, chart.error): chart for chart in reversed(charts)}.values())[::-1]
-
-    fit, workspace = report.before.fit, None
-    place = fit.model.formulation.covariates(fit.at.recorded).get(WORKSPACE, {})
-    if {"x", "y"} <= set(place):
-        n, c = fit.at.misclosure.shape
-        residual = fit.r.reshape(n, c).sum(axis=1) / (np.sqrt(c) * fit.noise.scale)
-        x, y = np.asarray(place["x"]), np.asarray(place["y"])
-        there = np.isfinite(x) & np.isfinite(y)  # readings of another kind, of two places, have none
-        workspace = Workspace(x[there], y[there], residual[there])
-    table = table.assign(in_set=table["effect"].isin(inside), chosen=table["effect"].isin(chosen))
-    return Series(table, tuple(charts), workspace)
-
-
-def _residuals(implied: Implied, period: float) -> Residuals:
-    """Return an implied error in the unit and words of a drawing, over one `period` of its column; 0 is without one.
-
-    An effect that depends on no column is drawn over its own signature: what it changes, calibrated anew, of each
-    reading.
-    """
-    effect, quantity, column = implied.effect, implied.quantity, implied.column
-    at = implied.without
-    formulation = at.model.formulation
-    data, machine, roles = formulation.data, formulation.data.machine, roles_of(formulation)
-
-    def unit_of(name: str) -> str:
-        """Return the unit of a quantity as its sensor, parameter, joint, machine or file states it; "" for none."""
-        stated = {joint.reading: joint.unit for joint in roles.joints}
-        stated |= {p.name: p.unit for p in formulation.parameters}
-        stated |= {s.column: s.unit for s in formulation.sensors if s.unit}
-        return stated.get(name) or quantity_of(machine, name).unit or data.units.get(name, "")
-
-    def words(name: str) -> str:
-        """Return a quantity in words: those of its sensor, or what the machine declares."""
-        labels = {sensor.column: sensor.label for sensor in formulation.sensors if sensor.label}
-        return labels.get(name) or quantity_label(machine, name, words_of(roles))
-
-    joint = next((j for j in roles.joints if j.reading == quantity and j.told), None)
-    if joint is not None:  # it declares in what its errors are drawn
-        factor, unit = between(quantity, joint.unit, joint.told), joint.told
-    else:
-        factor, unit = in_small_units(unit_of(quantity), largest(implied.before))
-    if column is None:
-        values = factor * (implied.before - implied.after)
-        label, own = "what the effect changes of it", unit
-    elif period > 0:
-        values = np.mod(data[column], period)
-        label, own = f"{words(column)} within one period", quantity_of(machine, column).unit
-    else:
-        values, name = np.asarray(data[column], dtype=float), column
-        for target in formulation.covariates(at.at.recorded):
-            name = name.removeprefix(f"{target} ")  # of the rows of one target
-        label, own = words(name), unit_of(name)
-    unnamed = {"smooth": "a smooth correction", "formula": "the formula"}.get(effect.family)
-    name = unnamed or effect_label(machine, effect.family, effect.target)
-    return Residuals(
-        effect=name, label=f"{label} [{own}]" if own else label,
-        error=f"error of {words(quantity)}{f' [{unit}]' if unit else ''}", values=values,
-        before=factor * implied.before, after=factor * implied.after, weight=factor**-2 * implied.weight,
-    )  # fmt: skip
-
-
-class Implied(NamedTuple):
-    """The error of `quantity` that each reading implies, (n,), in its own unit, `before` and `after` the effect.
-
-    `column` is the data column that the effect depends on; None where there is none. `without` is the fit of all other
-    effects but this one. `weight`, (n,), is that of `before`.
-    """
-
-    effect: Effect
-    quantity: str
-    column: str | None
-    without: Fit
-    before: Array
-    after: Array
-    weight: Array
-
-
-def implied_errors(report: Report) -> list[Implied]:
-    """Return one for each effect that changes a quantity, in the order of the findings.
-
-    Each is against the model with all others but without it and its forms, which is fitted anew. Curves of a smooth
-    correction are one correction, however many: they are against the model without any effect.
-    """
-    before, after = report.before.fit, report.model.fit
-    rank = {finding.effect: k for k, finding in enumerate(report.findings)}
-    whole = [effect for effect in after.model.effects if not isinstance(effect, Modulated)]
-    together = len(whole) == 1 or any(effect.family == "smooth" for effect in whole)
-    implied = []
-    for effect in sorted(whole, key=lambda effect: rank.get(name_of(effect), len(rank))):
-        without = before
-        if not together:  # the final model fitted again without one of its effects and its forms
-            out = [effect, *forms_of(effect, after.model.effects)]
-            kept = [all(other is not one for one in out) for other in after.model.effects]
-            ends = np.cumsum([len(other.coefficients) for other in after.model.effects])[:-1]
-            parts = np.split(after.x[len(after.model.formulation.parameters) :], ends)
-            x = np.concatenate([after.x[: len(after.model.formulation.parameters)], *compress(parts, kept)])
-            effects = tuple(compress(after.model.effects, kept))
-            without = fit(Model(after.model.formulation, effects), after.noise, x, near=False)
-        formulation = without.model.formulation
-        data = formulation.data
-        column = next((name for name in effect.columns if name in data and data[name].dtype.kind in "if"), None)
-        alone = column is None and len(formulation.readings) == 1  # no reading knows a quantity by itself
-        quantity = formulation.readings[0] if alone else None
-        if not alone:  # the quantity through which a unit of the effect moves the residuals most, if any
-            c, slopes = np.zeros(len(effect.coefficients)), without.at.slopes
-            basis = effect.basis(without.at.recorded, data, c)
-            if not len(c):  # what is fixed to the last has no slopes, only itself
-                shift = effect.shift(without.at.recorded, data, c)
-                basis = {name: change[:, None] for name, change in shift.items()}
-            moves = {
-                name: float(np.sum((slopes[name][:, :, None] * change[:, None, :]) ** 2))
-                for name, change in basis.items()
-                if name in slopes
-            }
-            if moves and max(moves.values()) > 0:
-                quantity = max(moves, key=moves.__getitem__)
-        if quantity is not None:
-            error, weight = error_of(quantity, without)
-            implied.append(Implied(effect, quantity, column, without, error, error_of(quantity, after)[0], weight))
-    return implied
-
-
-def error_of(quantity: str, fit: Fit) -> tuple[Array, Array]:
-    """Return the error of `quantity` that each reading implies, and the weight of that, (n,) each."""
-    n, c = fit.at.misclosure.shape
-    r = fit.r.reshape(n, c)
-    s = fit.at.whiten(fit.at.slopes[quantity][:, :, None]).reshape(n, c)
-    weight = (s**2).sum(axis=1)
-    return -(s * r).sum(axis=1) / np.maximum(weight, 1e-300), weight / fit.noise.scale**2

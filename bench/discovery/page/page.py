@@ -6,18 +6,19 @@ row becomes a block of lines with the heads of its columns, so that nothing is c
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from itertools import chain
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any, final
 
 from calibench.bench.discovery.page import words
-from calibench.bench.discovery.page.figures import CAPTIONS, discovery_figures, noise_charts, series_of
+from calibench.bench.discovery.page.shown import Shown, series_of, shown_by
 from calibench.bench.discovery.store import SearchRecord
-from calibench.bench.report.shared.drawing import save
+from calibench.bench.gate.processes import CAN_FORK, WorkerPool, at_once
 from calibench.bench.report.shared.page import Head, Table, inline_svg, macros, render
 from calibench.bench.store.atomic_file import write_whole
 from calibench.core.notes import Note, once
@@ -42,6 +43,13 @@ _ENOUGH = {
     "negligible": "Nothing: what is missing is too small to matter.",
     "noise": "Nothing for the model: look at the readings that are told, and at what gives them.",
     "none": "Smaller effects take more readings of this kind: four times as many show half the size.",
+}
+_CAPTIONS = {
+    "outlier": "What the misfit of each reading would be as an error of this sensor. The quarter of the readings that "
+    "know it least is left out.",
+    "quantisation": "Readings of a sensor without steps lie anywhere between two steps (dashed); these lie on them.",
+    "heavy_tails": "How many residuals are at least so large. Gaussian noise would follow the dashed line and has an "
+    "excess kurtosis of 0; rare shocks reach beyond it and raise that number.",
 }
 _CELLS = "discovery/page/templates/cells.html.j2"  # macros of cells that are more than text
 _HARDLY = 0.05  # visible share below which an effect is all but invisible
@@ -80,7 +88,7 @@ class Page:
         if (columns := words.column_sentence(report)) and columns not in advice:
             advice = [*advice, columns]
         blamed = [finding.family for finding in report.findings if words.is_noise(finding)]
-        captions = {f"noise_{k}": CAPTIONS.get(name, "") for k, name in enumerate(blamed, start=1)}
+        captions = {f"noise_{k}": _CAPTIONS.get(name, "") for k, name in enumerate(blamed, start=1)}
         return render(
             "discovery/page/templates/discovery.html.j2",
             title=f"{report.case}: is anything missing from the model of {report.machine}?",
@@ -113,11 +121,38 @@ class Page:
         )  # fmt: skip
 
 
-def write_report(record: SearchRecord, report: Report, data: MeasuredData, folder: Path) -> Path:
+Draw = Callable[[Sequence[Shown], Path], list[Path]]
+
+
+@contextmanager
+def drawing(beside: bool) -> Iterator[Draw]:
+    """Yield what writes drawings into a folder and returns their SVGs; `beside`, a process does it on all cores, which
+    loads Matplotlib while this one searches."""
+    if not beside or not CAN_FORK:
+        yield lambda shown, folder: [draw() for draw in _draws((shown, folder))]
+        return
+    with WorkerPool(lambda job: at_once(_draws(job)), 1) as pool:
+        pool.begin([((), Path())])
+
+        def draw(shown: Sequence[Shown], folder: Path) -> list[Path]:
+            pool.begin([(shown, folder)])
+            paths: list[Path] = pool.take()
+            return paths
+
+        yield draw
+
+
+def _draws(job: tuple[Sequence[Shown], Path]) -> list[Callable[[], Path]]:
+    from calibench.bench.discovery.page.figures import written
+
+    shown, folder = job
+    return [partial(written, one, folder) for one in shown]
+
+
+def write_report(record: SearchRecord, report: Report, data: MeasuredData, folder: Path, draw: Draw) -> Path:
     """Write ``figures/`` and ``report.html`` of a finished search into `folder`; return the page's path."""
-    drawings = {}
-    for name, drawing in chain(discovery_figures(report, series_of(report)), noise_charts(report)):
-        drawings[name] = save(name, drawing, folder / "figures")[0].read_text(encoding="utf-8")
+    paths = draw([*shown_by(report, series_of(report))], folder / "figures")
+    drawings = {path.stem: path.read_text(encoding="utf-8") for path in paths}
     formulation = report.before.model.formulation
     written = description_of(report.machine).corrected
     correction = None if written is None else written(report)
