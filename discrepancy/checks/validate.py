@@ -6,6 +6,7 @@ reading is seen by its misfit; that is not possible for a column that only an ef
 whose sine is never large. An object that is no machine is refused, and so is a statement that nothing reads.
 """
 
+import difflib
 import inspect
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -19,14 +20,17 @@ from scipy.special import pdtrc
 from calibench.core.notes import Code, Note
 from calibench.core.options import suggest
 from calibench.core.tables.cells import split_rows, valid_rows
-from calibench.core.words import plain
+from calibench.core.words import as_columns, listed, plain
 from calibench.discrepancy.checks.wild import formulated, refuse_wild, without_wild, without_wild_rows
 from calibench.discrepancy.model.formulations import Constraints
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured import DataError, MeasuredData, number_visits
 from calibench.discrepancy.model.roles import columns_of, inputs_of, roles_of, unknown_noise_of, words_of
-from calibench.discrepancy.registries import description_of, descriptions
+from calibench.discrepancy.registries import description_of, descriptions, families
 
+_OF_ANY = ("pose_id", "visit_id", "repeat", "split", "valid", "t_s")  # columns that are read whatever the machine
+_LIKE = 0.75  # of difflib: how much alike the name of a column and that of an unread one are
+_LISTED = 6  # names that a note lists
 NOT_HELD_OUT = "no rows are held out: the gap on unseen poses is by cross-validation"
 
 
@@ -47,6 +51,7 @@ def validate(
     """
     refuse_no_machine(machine)
     rows, data = np.flatnonzero(_valid(data)) + 1, entered(data)
+    data = _with_unread(machine.name, data)
     formulation = formulated(machine, ordered(data))
     copies, note = copied_rows(data, rows, formulation)
     if copies.any():
@@ -82,6 +87,22 @@ def validate(
         if data.fitted.all():
             data = data.with_note(Code.NOT_HELD_OUT, NOT_HELD_OUT)
     return formulation if data is formulation.data else formulation.on(data)
+
+
+def _with_unread(machine: str, data: MeasuredData) -> MeasuredData:
+    """Return the data with a note of the columns that neither a machine with declared columns nor its effects read."""
+    declared = [quantity.name for quantity in description_of(machine).columns]
+    known = {*_OF_ANY, *declared, *(column for family in families(machine) for column in family.columns)}
+    others = [name for name in data.in_file if name not in known]
+    if not declared or not others:
+        return data
+    meant: dict[str, str] = {}  # a declared column that is not there -> the unread one most like it
+    for name in others:
+        free = {column.casefold(): column for column in declared if column not in data and column not in meant}
+        meant |= {free[near]: name for near in difflib.get_close_matches(name.casefold(), free, n=1, cutoff=_LIKE)}
+    way_out = f"; did you mean {', '.join(meant)}? {as_columns(meant)}" if meant else ""
+    text = f"not read: {listed(others, _LISTED)}{way_out}"
+    return data.with_note(Code.COLUMNS_UNREAD, text, tuple(others))
 
 
 def _tame(formulation: Formulation) -> Formulation:

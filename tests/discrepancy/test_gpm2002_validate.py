@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from calibench.discrepancy import machines
+from calibench.discrepancy.checks.validate import validate
 from calibench.discrepancy.machines.gpm2002.description import planned
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured import DataError, MeasuredData, number_visits
@@ -78,7 +79,7 @@ def test_twenty_poses_are_enough() -> None:
 
 
 def test_a_misnamed_covariate_is_told_and_not_used(data: MeasuredData) -> None:
-    notes = formulate(renamed(data, "temp_K", "Temp_k")).data.notes
+    notes = validate(machines.make("gpm2002"), renamed(data, "temp_K", "Temp_k")).data.notes
     assert any("Temp_k" in note.columns and "temp_K" in note.text for note in notes)
 
 

@@ -418,9 +418,6 @@ def _usable_rows(data: MeasuredData) -> MeasuredData:
                 data = data.with_columns({name: np.asarray(values, dtype=float)})
             except (TypeError, ValueError):
                 raise DataError(f"{data.name}: column {name} holds {str(values[0])!r}: numbers are needed") from None
-        elif wanted := [known for known in _KNOWN if known not in data and _nearest(known, [name])]:
-            text = f"column {name} is not known and not used; did you mean {wanted[0]}?"
-            data = data.with_note(Code.COLUMNS_UNREAD, text, (name,), meant=wanted[0])
     if data.has("x") != data.has("y"):
         data = _without(data, ("x", "y"), "x and y go together: one of them is missing, so only the angles are used")
 

@@ -12,6 +12,7 @@ import pytest
 from calibench import discrepancy
 from calibench.bench.measured import read_measured, shipped_path
 from calibench.discrepancy import DataError, MeasuredData
+from calibench.discrepancy.checks.validate import validate
 from calibench.discrepancy.machines.mount import Mount
 from calibench.discrepancy.machines.mount.description import planned, pointing_model
 from calibench.discrepancy.model.machine import Formulation, Machine
@@ -204,3 +205,14 @@ def test_what_goes_with_the_pier_goes_when_the_sides_of_a_real_night_are_shuffle
     )
     assert true
     assert not mixed
+
+
+def test_a_column_that_nothing_reads_is_told_with_the_name_it_may_have_been_meant_for() -> None:
+    data = planned(n=20)
+    columns = {**data.columns, "temp_C": np.linspace(20, 12, len(data)), "humidity": np.linspace(40, 60, len(data))}
+    notes = validate(Mount(), replace(data, columns=columns)).data.notes
+    [unread] = [note for note in notes if note.code == "columns_unread"]
+    assert unread.columns == ("temp_C", "humidity")
+    assert str(unread).endswith("""did you mean temp_K? columns='{"temp_K":"temp_C"}'""")
+    known = validate(Mount(), data.with_columns({"temp_K": columns["temp_C"]})).data.notes
+    assert not [note for note in known if note.code == "columns_unread"]
