@@ -1,6 +1,7 @@
 """`bench calibrate` of an arm with a joint that slides, and what the search for causes reads of it afterwards."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -104,6 +105,34 @@ def test_readings_that_no_such_arm_gives_are_refused_with_what_mends_them(lifter
     spoilt = data.with_columns({column: change(np.asarray(data[column], dtype=float))})
     with pytest.raises(DataError, match=said):
         machines.make("arm", urdf="lifter.urdf").formulate(spoilt)
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "said"),
+    [("Y", -1.0, "mm if x, y and z are those of a left-handed frame: an axis points the other way"),
+     ("boom", -1.0, "if joint boom turns the other way"), ("boom", 1.0, "")],
+)  # fmt: skip
+def test_a_mistake_is_found_beside_a_rail_in_metres_whose_unit_nothing_states(lifter, column, factor, said):
+    data = read_measured("lifter.csv", "arm", {"sigma_mm": 0.03})
+    metres = {"lift": np.asarray(data["lift"], dtype=float) / 1000, column: factor * np.asarray(data[column])}
+    spoilt = replace(data.with_columns(metres), units={n: u for n, u in data.units.items() if n != "lift"})
+    if not said:
+        machines.make("arm", urdf="lifter.urdf").formulate(spoilt)
+        return
+    with pytest.raises(DataError, match=said):
+        machines.make("arm", urdf="lifter.urdf").formulate(spoilt)
+
+
+def test_distances_from_points_in_turn_are_scanned_in_no_step_with_them(lifter, capsys):
+    rng, at = np.random.default_rng(5), [(9, 9, 0), (0, 2000, 5), (3000, 0, 0)]
+    q = rng.uniform([-2, 5, -2, -2, -2], [2, 395, 2, 2, 2], (100, 5))
+    seen = np.array([placed(row) for row in q])
+    far = np.linalg.norm(seen[:, None] - at, axis=2) + rng.normal(0, 0.03, (100, 3))
+    head = ",".join([joint[0] for joint in JOINTS] + [f"distance_{k} [mm]" for k in "ABC"])
+    np.savetxt("far.csv", np.column_stack([q / [1, 1000, 1, 1, 1], far]), "%.6f", ",", header=head, comments="")
+    with pytest.raises(SystemExit):
+        main(["calibrate", "urdf=lifter.urdf", "data=far.csv", "page=false"])
+    assert "mm with lift in m: units=lift:m" in capsys.readouterr().err
 
 
 def test_an_arm_whose_zeros_are_far_off_is_searched(lifter):
