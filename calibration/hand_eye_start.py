@@ -370,6 +370,7 @@ _TIMES = 10.0  # times better: no chance, but another meaning of the same number
 _TWICE = 2.0  # times better: one order of angles beside another
 _APART = 0.12  # rad: the middle rotation further off belongs to no such frames, whatever the noise
 _ROUNDING = 1e-6  # rad or mm: less is no misfit of rotations or places that files hold
+_MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 _SETTLE = 8
 _FAR = 6.0  # times the median: a place beyond has no say
 _ALIKE = 1e-3  # part of a column: a scale that others explain so far is not told
@@ -399,6 +400,13 @@ def start_of_pairs(
             f"the poses fit {more} times better with one side inverted: the camera's columns are "
             f"read={read}, or the camera is mounted hand_eye={other}, or the flange's columns hold the base in the "
             f"flange: flange={flange}"
+        )
+    better = min(_misfit(arm, _MIRROR @ seen @ _MIRROR, far) for arm, seen in tried.values())
+    if n > 3 and misfit > _TIMES * max(better, _ROUNDING):
+        more = plain(misfit / max(better, _ROUNDING), 2)
+        raise DataError(
+            f"the poses fit {more} times better if the frames of flange or board are left-handed: an axis points the "
+            "other way, in places and rotations; write both in right-handed frames"
         )
     for lag, where in ((1, "below"), (-1, "above")) if n > 5 else ():
         better = min(

@@ -275,6 +275,15 @@ def test_a_quaternion_with_its_real_part_first_is_told_with_the_columns_to_copy(
     assert np.allclose(found["camera"]["position"], CAMERA[0], atol=1.0)
 
 
+@pytest.mark.parametrize("mode", ["eye_in_hand", "eye_to_hand"])
+def test_poses_in_a_left_handed_frame_are_told_and_not_taken_for_few_turns(calibrate, mode):
+    flange, seen = measured(12, mode, NOISE)
+    mirror = np.diag([1.0, -1.0, 1.0, 1.0])
+    assert "times better if the frames of flange or board are left-handed" in calibrate(
+        flange, mirror @ seen @ mirror, code=2, mode=mode
+    )
+
+
 def test_rows_out_of_step_are_told(calibrate):
     flange, seen = measured(15, noise=NOISE)
     assert "stands in the row below" in calibrate(flange[1:], seen[:-1], code=2)
