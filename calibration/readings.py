@@ -41,6 +41,7 @@ _LEAST = {"position": 10, "pose": 6, "sockets": 12}  # poses at least: with fewe
 _MOVING = 3  # joints at the least, where the arm has as many
 _ALIKE = 1e-3  # rad or mm by which joints differ at most where a pose is taken again
 _HUGE = 1e12  # a value that no instrument gives
+_ROUNDED = 1e-3  # by which the length of a quaternion may differ from one
 _LISTED = 8  # columns that a note names
 _WORDS = ("socket", "place", TARGET, DISTANCE_TO, PLANE, "split", "valid")  # columns that are no numbers beside a pose
 _LENGTH = 0.5  # the most by which a quaternion's length may differ from 1
@@ -278,7 +279,8 @@ def _readings(table: Table, chain: Chain, observe: str, copies: bool, option: st
         )
     whole = _whole_rows(table, matched, values, angles, notes)
     if beside:
-        notes.append(Note(Code.COLUMNS_UNREAD, f"not read: {listed(beside, _LISTED)}", tuple(beside)))
+        text = f"not read: {listed(beside, _LISTED)}{'' if matched.rotation else _like_a_rotation(table, beside)}"
+        notes.append(Note(Code.COLUMNS_UNREAD, text, tuple(beside)))
     if observe != "sockets" and not copies:
         notes += without_copies(table, values, whole)
     hold = held_back(table, matched, whole)
@@ -498,6 +500,21 @@ def poses_of(joints: Array) -> Index:
             alike = np.array(near.query_ball_point(joints[i], _ALIKE, p=np.inf))
             first[alike[(first[alike] == alike) & (alike > i)]] = i
     return np.unique(first, return_inverse=True)[1].astype(np.int64)
+
+
+def _like_a_rotation(table: Table, beside: Sequence[str]) -> str:
+    """Return, for the end of a note, how unread columns are read as a rotation: four of length one, or a KUKA's."""
+    named = {name.casefold(): name for name in beside}
+    if {"a", "b", "c"} <= {*named}:
+        cure = as_columns({"rx": named["c"], "ry": named["b"], "rz": named["a"]})
+        return f"; if A, B, C are turns about z, y, x: {cure}"
+    for k in range(len(beside) - 3):
+        four = beside[k : k + 4]
+        lengths = np.linalg.norm([np.asarray(table.columns[name], dtype=float) for name in four], axis=0)
+        known = lengths[np.isfinite(lengths)]
+        if len(known) and np.abs(known - 1).max() < _ROUNDED:
+            return f"; if {', '.join(four)} are a quaternion: {as_columns(dict(zip(('qx', 'qy', 'qz', 'qw'), four)))}"
+    return ""
 
 
 def joints_beside(readings: Readings, chain: Chain) -> str:

@@ -1,6 +1,7 @@
 """What names of columns say to `bench calibrate`: units, numbered places; and what it says of the rest."""
 
 import json
+import shlex
 
 import numpy as np
 import pytest
@@ -62,11 +63,21 @@ def test_matrices_of_matlab_are_joints_and_places(calibrate, tmp_path):
     assert any("T (4 x 4) have another shape and are not read" in note for note in texts(found))
 
 
-def test_columns_that_nothing_reads_are_told(calibrate):
-    angles = Rotation.from_matrix(TURNS).as_euler("ZYX", degrees=True)
-    text = table(Q, np.column_stack([SEEN, angles]), ("x", "y", "z", "A", "B", "C"))
-    assert "not read: A, B, C" in texts(calibrate(text))
-    assert calibrate(text, 'columns={"rx":"C","ry":"B","rz":"A"}')["observed"] == "pose"
+@pytest.mark.parametrize(
+    ("heads", "cure"),
+    [("A,B,C", "if A, B, C are turns about z, y, x: columns='{\"rx\":\"C\",\"ry\":\"B\",\"rz\":\"A\"}'"),
+     ("o1,o2,o3,o4", "if o1, o2, o3, o4 are a quaternion: "
+      "columns='{\"qx\":\"o1\",\"qy\":\"o2\",\"qz\":\"o3\",\"qw\":\"o4\"}'"),
+     ("fa,fb,fc", "")],
+)  # fmt: skip
+def test_columns_that_nothing_reads_are_told_and_how_those_of_a_rotation_are_read(calibrate, heads, cure):
+    names, turns = heads.split(","), Rotation.from_matrix(TURNS)
+    beside = turns.as_quat() if len(names) == 4 else turns.as_euler("ZYX", degrees=True)
+    text = table(Q, np.column_stack([SEEN, beside]), ("x", "y", "z", *names))
+    said = "; ".join(filter(None, [f"not read: {', '.join(names)}", cure]))
+    assert said in texts(calibrate(text))
+    if cure:
+        assert calibrate(text, *shlex.split(cure[cure.index("columns=") :]))["observed"] == "pose"
 
 
 def test_one_joint_in_degrees_is_told_alone(calibrate):
