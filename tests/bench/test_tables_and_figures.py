@@ -13,8 +13,10 @@ from calibench.bench.papers import ADDITIONS
 from calibench.bench.papers.cong2008 import figures as paper_tables
 from calibench.bench.papers.cong2008.figures import gauge_points
 from calibench.bench.report.study import figures
-from calibench.bench.report.study.explored import bands
+from calibench.bench.report.study.explored import bands, groups_of
 from calibench.bench.statistics import summary as stats, tables
+from calibench.bench.statistics.fixed_target import Hits
+from calibench.bench.statistics.targets import levels_of
 from calibench.bench.store.runs import ResultStore
 from calibench.problems import constants
 
@@ -251,3 +253,23 @@ def test_only_the_figures_asked_for_are_drawn(tmp_path):
     assert {"gauge", "plans", "convergence_full11_plandisc", "convergence_full12"} < set(every)
     only = figures.study_figures(runs, traces, ("gauge", "none"), ADDITIONS)
     assert [name for name, _ in only] == ["gauge"]
+
+
+def test_a_group_without_any_target_has_no_ecdf_and_the_page_is_written(tmp_path):
+    class Bowl:
+        lower, upper, start = -np.ones(2), np.ones(2), np.full(2, 0.5)
+
+        def __init__(self, scale=1.0, broken=False):
+            self.scale, self.broken = scale, broken
+
+        def __call__(self, x):
+            return float(self.scale * x @ x) / (not self.broken)
+
+    store = ResultStore(tmp_path / "study")
+    store.open()
+    for broken, name in ((False, "whole"), (True, "broken")):
+        for scale in (1.0, 2.0):
+            store.write(bench.execute(Bowl(scale, broken), optimizers.make("de"), 100, problem_name=name))
+    runs = store.runs()
+    hits = Hits.of(store.hits(levels_of(runs)))
+    assert [name for name, *_ in figures.ecdf_figures(runs, hits, groups_of(runs))] == ["ecdf", "ecdf_whole"]

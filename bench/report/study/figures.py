@@ -389,6 +389,8 @@ def ecdf_figures(runs: pd.DataFrame, hits: Hits, groups: pd.Series) -> Iterator[
         return
     for name, mine in parts.items():
         some = targets.of_runs(mine["run_id"])
+        if not some.blocks:  # such as a group all of whose runs failed
+            continue
         title = f"Group {name}"
         caption = f"Runtime ECDF, {title}, {counted(len(mine[PROBLEM].drop_duplicates()), 'problem')}"
         yield f"ecdf_{file_name(name) or digest(name)[:6]}", caption, partial(runtime_ecdf, mine, some, title)
