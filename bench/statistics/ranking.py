@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibench.bench.statistics.cells import CELL, METHOD, TASK, answers, by_cell, by_number
+from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, TASK, answers, by_cell, by_number
 from calibench.bench.statistics.names import in_order, method_labels
 from calibench.bench.statistics.summary import alike, goal_hits, goals_of, method_names
 from calibench.bench.store.columns import Array, Columns, Counts, floats, numbered, plain
@@ -185,23 +185,28 @@ class Ranked:
 
 
 def blocks_of(runs: pd.DataFrame, by: By = "goal") -> Blocks:
-    """Return the blocks of `runs` in which every method was run, with the median rank of each method in each."""
+    """Return the blocks of `runs`, each at the largest budget that every method has, with their median ranks."""
     import pandas as pd
 
     rows = runs.reset_index(drop=True).assign(goal=goals_of(runs))
     rows["_method"], score = method_names(rows), scores(rows, by)
     number, listed = pd.factorize(rows["_method"])
     names = tuple(str(name) for name in listed)
-    medians, incomplete = [], 0
+    blocks: dict[tuple[object, ...], tuple[int, Array]] = {}
+    asked: set[tuple[object, ...]] = set()
     tasks = by_cell(rows, TASK)
-    for task in range(len(tasks.count)):
+    largest_first = np.argsort(-floats(rows["budget"])[tasks.first], kind="stable")
+    for task in largest_first.tolist():
         at = tasks.rows(task)
-        if len(np.unique(number[at])) == len(names):
-            medians.append(by_number(number[at].astype(np.int64)).medians(order_of_scores(score[at])))
-        else:
-            incomplete += 1
+        block = tuple(rows[[*PROBLEM, "start", "goal"]].iloc[at[0]].astype(object).where(lambda v: v.notna(), None))
+        asked.add(block)
+        if block not in blocks and len(np.unique(number[at])) == len(names):
+            medians = by_number(number[at].astype(np.int64)).medians(order_of_scores(score[at]))
+            blocks[block] = (task, medians)  # runs of a smaller budget are the beginnings of these
+    in_their_order = [medians for _, medians in sorted(blocks.values(), key=lambda pair: pair[0])]
+    incomplete = len(asked) - len(blocks)
     left_out = f"{incomplete} tasks, on which not all {len(names)} methods were run, are left out" if incomplete else ""
-    return Blocks(names, np.array(medians, dtype=np.float64).reshape(len(medians), len(names)), left_out)
+    return Blocks(names, np.array(in_their_order, dtype=np.float64).reshape(len(blocks), len(names)), left_out)
 
 
 def friedman(blocks: Blocks, level: float = 0.05) -> Ranked:

@@ -274,6 +274,21 @@ def test_repetitions_are_never_blocks():
         critical_difference(found)
 
 
+def test_budgets_of_one_problem_are_one_block_at_the_largest_that_all_methods_have():
+    budgets = [(300, "abc"), (1500, "abc"), (9000, "a")]
+    parts = [
+        rows(np.arange(3.0) + shift * sign, method=f"made:{m}", problem=f"made:P{i}", budget=budget)
+        for i in range(5)
+        for budget, names in budgets
+        for shift, m in enumerate(names)
+        for sign in [-9.0 if budget == 300 else 9.0]
+    ]
+    blocks = blocks_of(pd.concat(parts))
+    assert blocks.medians.shape == (5, 3)
+    assert (np.diff(blocks.medians, axis=1) > 0).all()
+    assert not blocks.left_out
+
+
 def test_a_block_has_the_median_over_repetitions_and_incomplete_ones_are_told():
     parts = [
         rows(np.array([1.0, 2.0, 99.0]) + shift, method=f"made:{m}", problem=f"made:P{i}")

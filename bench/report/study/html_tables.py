@@ -262,8 +262,8 @@ def differing(ranked: Ranked) -> Differing:
     pairs = len(ranked.methods) * (len(ranked.methods) - 1) // 2
     level = f"{100 * ranked.level:g} %"
     sentence = (
-        f"Friedman's test over {counted(ranked.blocks, 'block')} (a problem with its instance under one start and "
-        f"budget; seeds are none): p = {number(ranked.p)}. "
+        f"Friedman's test over {counted(ranked.blocks, 'block')} (a problem with its instance under one start, at "
+        f"its largest budget; seeds are none): p = {number(ranked.p)}. "
         + (
             f"Of {counted(pairs, 'pair')} of methods {differ} differ at the {level} level (Nemenyi's test, which is "
             f"corrected for all pairs): mean ranks that are {number(ranked.critical_difference, 3)} apart or more."
