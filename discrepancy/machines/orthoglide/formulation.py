@@ -199,6 +199,7 @@ _COLUMNS = (
     Quantity("leg", text=True),
     Quantity("direction", text=True),
     Quantity("posture", text=True),
+    Quantity("gauge_position"),
     Quantity("level_mm", "mm"),
     Quantity("against_mm", "mm"),
     Quantity("pass", text=True),

@@ -11,6 +11,7 @@ import pytest
 
 from calibench import discrepancy
 from calibench.bench.measured import read_measured, shipped_path
+from calibench.bench.measured.sources import sources
 from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.checks.validate import validate
 from calibench.discrepancy.machines.mount import Mount
@@ -216,3 +217,13 @@ def test_a_column_that_nothing_reads_is_told_with_the_name_it_may_have_been_mean
     assert str(unread).endswith("""did you mean temp_K? columns='{"temp_K":"temp_C"}'""")
     known = validate(Mount(), data.with_columns({"temp_K": columns["temp_C"]})).data.notes
     assert not [note for note in known if note.code == "columns_unread"]
+
+
+@pytest.mark.parametrize(
+    ("machine", "name"),
+    [("orthoglide", "exp1"), ("delta", "printer"), ("gpm2002", "demo_warm_tracked"), ("mount", "demo_flexure")],
+)
+def test_no_column_of_a_set_that_ships_is_told_as_unread(machine: str, name: str) -> None:
+    [source] = sources(name, machine)
+    notes = validate(discrepancy.machines.make(machine), source.read({})).data.notes
+    assert not [note for note in notes if note.code == "columns_unread"]
