@@ -23,14 +23,16 @@ _STEPS = (0, 5, 10, 15, 20, 30, 40, 60, 80, 100, 150, 200)  # poses more, of whi
 def discover(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("--json", "--retry"))
     request = read_discover(words)
-    failed, count = 0, 0
+    failed, count, known = 0, 0, 0
     for outcome in search_all(request, retry="--retry" in flags):
-        failed, count = failed + (outcome.record.report is None), count + 1
+        failed, count, known = failed + (outcome.record.report is None), count + 1, known + outcome.before
         if "--json" in flags:
             print(json.dumps(outcome.record.line(), allow_nan=False), flush=True)
             continue
         record, report = outcome.record, outcome.record.report
-        lines = [f"{record.case} ({record.machine}{', searched before' if outcome.before else ''})"]
+        began = str(record.provenance.get("started_at", ""))[:16].replace("T", " ")
+        since = f", searched before, {began} UTC: nothing is new"
+        lines = [f"{record.case} ({record.machine}{since if outcome.before else ''})"]
         if report is None:
             lines.append(f"  failed: {record.error}")
         else:
@@ -44,7 +46,8 @@ def discover(argv: list[str]) -> int:
             lines += [] if outcome.page is None else [f"  {outcome.page}"]
         print("\n".join(lines) + "\n", flush=True)
     if "--json" not in flags:
-        print(f"{count} searched, {failed} failed; {request.folder}/findings.parquet, gaps.parquet")
+        before = f", {known} searched before (--retry searches again)" * bool(known)
+        print(f"{count - known} searched{before}, {failed} failed; {request.folder}/findings.parquet, gaps.parquet")
     elif failed:
         print(f"bench: {failed} of {count} failed; their lines have an error", file=sys.stderr)
     return 1 if failed else 0

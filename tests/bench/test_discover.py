@@ -72,8 +72,8 @@ def test_the_verdict_is_a_sentence_with_size_interval_and_unit(results, folder, 
     assert re.search(r"backlash of joint 2, 0\.2\d+ mrad \(95 %: 0\.2\d+ to 0\.2\d+ mrad; 0\.01\d+°\)", out)
     assert "Nothing is missing from the model that these data could show." in out
     assert "broken.parquet: is no Parquet file that can be read" in out
-    assert "demo_backlash (gpm2002, searched before)" in out
-    assert "3 searched, 1 failed" in out
+    assert "demo_backlash (gpm2002, searched before, 20" in out
+    assert "1 searched, 2 searched before (--retry searches again), 1 failed" in out
 
 
 def test_a_search_has_one_digest_before_and_after_its_code_was_loaded():
