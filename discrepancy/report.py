@@ -556,7 +556,7 @@ def _in_units_of(formulation: Formulation, data: MeasuredData) -> MeasuredData:
     for name, unit in data.units.items():
         try:
             units[name] = known.get(name) or (unit if own or not is_unit(unit) else factor_to_base(name, unit)[0])
-            factor = 1.0 if units[name] == unit else between(name, unit, units[name])
+            factor = 1.0 if units[name] == unit else between(name, unit, units[name], own)
         except ValueError:
             raise DataError(f"{data.name}: column {name} is in {unit}, and in the fit in {units[name]}") from None
         if factor != 1:

@@ -29,7 +29,8 @@ _TO_BASE = {
     "mm/s": ("mm/s", 1.0), "m/s": ("mm/s", 1e3), "mm/min": ("mm/s", 1 / 60),
     "rad/s": ("rad/s", 1.0), "mrad/s": ("rad/s", 1e-3), "deg/s": ("rad/s", _DEGREE), "rpm": ("rad/s", pi / 30),
     "V": ("V", 1.0), "mV": ("V", 1e-3), "A": ("A", 1.0), "mA": ("A", 1e-3), "Hz": ("Hz", 1.0), "kg": ("kg", 1.0),
-    "g": ("kg", 1e-3), "%": ("%", 1.0), "hPa": ("hPa", 1.0), "bar": ("hPa", 1e3),
+    "g": ("kg", 1e-3), "%": ("%", 1.0), "hPa": ("hPa", 1.0), "Pa": ("hPa", 1e-2),
+    "kPa": ("hPa", 10.0), "MPa": ("hPa", 1e4), "mbar": ("hPa", 1.0), "bar": ("hPa", 1e3), "psi": ("hPa", 68.94757),
     "px": ("px", 1.0), "1": ("1", 1.0),
 }  # fmt: skip
 _SPELT = {
@@ -48,8 +49,13 @@ def is_unit(word: str) -> bool:
     return bool(word.strip()) and _SPELT.get(word.strip(), word.strip()) in _TO_BASE
 
 
-def between(column: str, unit: str, wanted: str) -> float:
-    """Return the factor that turns `unit` into `wanted`, both known and of one kind; raise `ValueError` elsewhere."""
+def between(column: str, unit: str, wanted: str, absolute: bool = False) -> float:
+    """Return the factor that turns `unit` into `wanted`, both known and of one kind; raise `ValueError` elsewhere.
+
+    There is none between kelvins and degrees Celsius where temperatures are `absolute`, and not above a reference.
+    """
+    if absolute and len({"K", _SPELT.get(unit, unit), _SPELT.get(wanted, wanted)}) == 1 and "K" in (unit, wanted):
+        raise ValueError(f"column {column}: {unit} and {wanted} have their zeros apart")
     base, scale = factor_to_base(column, wanted)
     return factor_to_base(column, unit, base)[1] / scale
 
