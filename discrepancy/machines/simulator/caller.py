@@ -12,6 +12,7 @@ import inspect
 import math
 import multiprocessing
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -39,6 +40,9 @@ from calibench.problems.base import Array
 simulators: Registry[Any] = Registry("simulator", "calibench.simulators")
 _SLOW = 0.005  # s of a job: a quicker one is done again sooner than it is read
 _CHUNK = 16  # rows of a job where each row is a call
+# a name, its unit in brackets, = or :, and the number
+_VALUE = r"[+-]?(?:\d+\.?\d*(?:e[+-]?\d+)?|\.\d+(?:e[+-]?\d+)?|nan|inf)"
+_NAMED = r"(?<!\w){}[\"']?\s*(?:\[[^\]\n]*\]|\([^)\n]*\))?\s*[=:]\s*(" + _VALUE + ")"
 _SHOWN = 120  # characters of what a failed command said
 Simulator = Callable[[Array, Array], Array]  # inputs (n, k), parameters (p,) or (n, p) -> (n, m)
 
@@ -103,9 +107,11 @@ def of_function(function: Callable[..., Any], names: Names, one: bool) -> Simula
 def of_command(command: str, names: Names) -> Simulator:
     """Return a command as a simulator: {args} stands for the numbers of a row, or {NAME} for each.
 
-    It is run without a shell, once a row, and its last line of output has the numbers that it predicts.
+    It is run without a shell, once a row. Its last line of output has the numbers that it predicts and nothing else, or
+    each of them stands behind its name anywhere, ``NAME = 1.2``, whatever is printed around it.
     """
     words = shlex.split(command)
+    named = [re.compile(_NAMED.replace("{}", re.escape(name), 1), re.IGNORECASE) for name in names.outputs]
 
     def row(inputs: Array, parameters: Array) -> Array:
         numbers = {n: repr(float(v)) for n, v in zip((*names.inputs, *names.parameters), (*inputs, *parameters))}
@@ -122,6 +128,8 @@ def of_command(command: str, names: Names) -> Simulator:
             raise DataError(f"machine.command={command}: {lost}") from None
         lines = done.stdout.strip().splitlines()
         cells = (lines[-1] if lines else "").replace(",", " ").split()
+        behind = [one.findall(done.stdout) for one in named]
+        cells = [said[-1] for said in behind] if all(behind) else cells
         try:
             found = [float(cell) for cell in cells]
         except ValueError:
@@ -130,7 +138,8 @@ def of_command(command: str, names: Names) -> Simulator:
             said = one_line(done.stderr or done.stdout)[-_SHOWN:] or "nothing"
             raise DataError(
                 f"machine.command={command}: exit code {done.returncode}, {said!r}; a last line of "
-                f"{len(names.outputs)} numbers ({', '.join(names.outputs)}) is needed"
+                f"{len(names.outputs)} numbers ({', '.join(names.outputs)}) is needed, or each behind its name, such "
+                f"as {names.outputs[0]} = 1.2"
             )
         return np.array(found)
 
