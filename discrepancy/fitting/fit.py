@@ -244,7 +244,7 @@ def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
         A, b = np.vstack([A, np.sqrt(damping) * np.eye(A.shape[1])]), np.concatenate([b, np.zeros(A.shape[1])])
     Q, R, order = qr(A, mode="economic", pivoting=True, check_finite=False)
     diagonal = np.abs(np.diag(R))
-    rank = int(np.sum(diagonal > 1e-11 * diagonal[0])) if diagonal[0] > 0 else 0
+    rank = int(np.sum(diagonal > 1e-11 * np.max(diagonal, initial=0.0)))
     step = np.zeros(A.shape[1])
     if rank:
         step[order[:rank]] = lstsq(R[:rank, :rank], (Q.T @ b)[:rank], check_finite=False)[0]
@@ -266,7 +266,7 @@ def step_by_sums(r: Array, J: Array, root: Array, damping: float) -> Array | Non
         L = np.linalg.cholesky(products)
     except np.linalg.LinAlgError:
         return None
-    if not np.diag(L).min() > _ALIKE:
+    if not np.diag(L).min(initial=np.inf) > _ALIKE:
         return None
     right = weighted.T @ (r if weighted is J else root * r) / size
     return np.asarray(-cho_solve((L, True), right, check_finite=False) / size)
@@ -306,7 +306,7 @@ def orthonormal(columns: Array, least: float) -> Array:
     """Return an orthonormal basis (n, m) of the span of `columns`, (n, p), each scaled to length 1."""
     lengths = np.linalg.norm(columns, axis=0)
     left, values, _ = np.linalg.svd(columns / np.where(lengths > 0, lengths, 1.0), full_matrices=False)
-    return np.asarray(left[:, values > least * values[0]])
+    return np.asarray(left[:, values > least * np.max(values, initial=0.0)])
 
 
 def project_off(columns: Array, basis: Array, times: int = 1) -> Array:

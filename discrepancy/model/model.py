@@ -79,10 +79,11 @@ class Model:
 
     def raw_jacobian(self, x: Array, recorded: Quantities, slopes: Mapping[str, Array]) -> Array:
         """Return the same of the constraints as they are, with the noise that rows share."""
-        own = np.stack([slopes[p.name] for p in self.formulation.parameters])  # column by column: rows may be many
+        own = [slopes[p.name] for p in self.formulation.parameters]  # column by column: rows may be many
         data, effects = self.formulation.data, self.coefficients(x)
         more = [_left_by(effect.basis(recorded, data, c), slopes) for effect, c in effects]
-        return np.concatenate([own.transpose(1, 2, 0), *more], axis=2)
+        columns = np.stack(own).transpose(1, 2, 0) if own else np.zeros((*next(iter(slopes.values())).shape, 0))
+        return np.concatenate([columns, *more], axis=2)
 
     def coefficients(self, x: Array) -> list[tuple[Effect, Array]]:
         return [(effect, x[place]) for effect, place in self._places()]

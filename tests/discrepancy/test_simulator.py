@@ -25,7 +25,7 @@ from calibench.core.notes import Code
 from calibench.discrepancy import DataError, MeasuredData, explain, machines
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.formula.grammar import Atom, Term
-from calibench.discrepancy.machines.simulator.caller import Caller, Names, duration, of_function
+from calibench.discrepancy.machines.simulator.caller import Caller, Names, duration, of_command, of_function
 from calibench.discrepancy.machines.simulator.local import LocalModel, Variable
 from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.model.formulations import Predicted
@@ -66,6 +66,10 @@ def jumps(inputs, parameters):
 
 def coarse(inputs, parameters):
     return {name: np.round(y / 0.002) * 0.002 for name, y in answer(inputs, parameters).items()}
+
+
+def rounded(inputs, parameters):
+    return {name: np.round(y / 0.05) * 0.05 for name, y in answer(inputs, parameters).items()}
 
 
 def stochastic(inputs, parameters):
@@ -561,7 +565,7 @@ def test_nothing_that_a_data_file_names_is_run(spring, tmp_path, capsys):
         ({"call": "short"}, r"returned y of shape \(3,\): 120 rows need as many values"),
         ({"call": "random"}, "the simulator's own noise, .* of y, is larger than that of its readings, 0.002"),
         ({"call": "not_there"}, "not_there"),
-        ({"call": "answer", "parameters": {"k": 2.0, "tau": 0.5, "mass": 0.0}}, "all parameters are held"),
+        ({"call": "rounded"}, "rounds y to steps of 0.05, far more than its noise, 0.002: let it give more digits"),
         ({"call": "leaves"}, r"\(k = 2, tau = 0.5, mass = 0\): SystemExit: 3 \(spring_"),
         ({"call": "narrow"}, r"failed at k = 2, tau = 0\.5\d*, mass = .*: ArithmeticError: too slow \(spring_"),
         ({"call": "of_no_parameter"}, r"no output depends on a parameter that is calibrated \(k, tau\)"),
@@ -618,12 +622,33 @@ def test_an_input_in_seconds_is_the_time_within_a_trial_unless_another_is_stated
     assert hints
 
 
-@pytest.mark.parametrize(("column", "factor"), [("y", 1000.0), ("u", 180 / np.pi), ("z", 0.001)])
+@pytest.mark.parametrize(
+    ("column", "factor"), [("y", 1000.0), ("u", 180 / np.pi), ("z", 0.001), ("y", 10.0), ("z", 6.894757)]
+)
 def test_a_factor_of_units_between_file_and_simulator_is_named(spring, column, factor):
     data = readings()
     other = data.with_columns({column: np.asarray(data[column]) / factor})
     with pytest.raises(DataError, match=f"near to it if {column} is multiplied by {factor:.6g}: file and simulator"):
         simulator(spring).formulate(other)
+
+
+def test_a_simulator_without_a_free_parameter_is_searched_as_it_is(spring):
+    held = simulator(spring, parameters={"k": 2.2, "tau": 0.55, "mass": 0.0})
+    assert explain(held, readings()).verdict == "none"
+
+
+def test_kelvins_are_no_degrees_celsius_of_new_rows(spring):
+    report = explain(simulator(spring), replace(readings(), units={"box": "degC"}))
+    rows = {"u": [0.5], "t": [1.0], "u_dir": [1], "box [K]": [300.0]}
+    with pytest.raises(DataError, match="column box is in K, and in the fit in degC"):
+        report.predict(rows)
+
+
+def test_numbers_of_a_command_stand_behind_their_names_in_any_text():
+    text = "print('sim 2.1'); print('y [m] = 0.93 m, z: 9.1e-1 kPa'); print('done after 2000 steps')"
+    names = Names(("u",), (), ("y", "z"))
+    said = of_command(f'{sys.executable} -c "{text}"', names)(np.ones((1, 1)), np.zeros(0))
+    np.testing.assert_allclose(said, [[0.93, 0.91]])
 
 
 def test_a_unit_that_contradicts_the_head_of_a_column_is_refused(spring, tmp_path):

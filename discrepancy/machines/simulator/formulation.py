@@ -9,6 +9,7 @@ there is one. A row is a reading of its own. Where rows depend on each other, wh
 from __future__ import annotations
 
 import inspect
+import math
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -18,13 +19,13 @@ from functools import partial
 from typing import Any, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibench.core import user_file
 from calibench.core.notes import Code, Note
 from calibench.core.options import shown, suggest
+from calibench.core.tables.cells import factors_near
 from calibench.core.words import counted, plain, print_plain
-from calibench.discrepancy.checks.wild import FAR, UNKNOWN
+from calibench.discrepancy.checks.wild import FAR
 from calibench.discrepancy.machines.simulator import caller as calls
 from calibench.discrepancy.machines.simulator.caller import Caller, Names, duration, simulators
 from calibench.discrepancy.machines.simulator.local import FEW, LocalModel, Variable
@@ -41,6 +42,16 @@ _SEARCH = 12  # passes of a search, about, beside those of calibration and slope
 _CALIBRATIONS = 3
 _CURED = 0.3  # of the misfit of shuffled readings: by a factor, at the nominal parameters
 _FEW_OF_UNITS = 50  # rows that are tried with a factor
+_OF_UNITS = math.log(2)  # of a factor: less is an error of scale, or of a parameter
+_ALIKE = 0.2  # of the logarithm of a factor: nominal parameters are not the true ones
+_FACTORS = tuple(
+    f
+    for one in (10.0, 100.0, 1e3, 1e6, 60.0, 3600.0, 180 / math.pi, 25.4, 9.80665, 4.448222, 6.894757, 0.3048)
+    for f in (one, 1 / one)
+)  # of units that people change
+_CELSIUS = 273.15
+_NEARBY = 0.013  # of the range of a number
+_ON_STEP = 1e-3  # of a step by which a rounded number may be off it
 _HEARD = 0.05  # of the noise of the readings: the simulator's own from which it is added to theirs
 _TOLD: set[tuple[str, int, bool]] = set()  # of what was told how long it takes: a search formulates more than once
 
@@ -126,8 +137,6 @@ class SimulatorMachine:
             edges = (lower, upper) if bounded else (-np.inf, np.inf)
             variables.append(Variable(p, False, k, wide, *edges))
         free = {p: limits[1] < limits[2] for p, limits in numbers.items()}
-        if not any(free.values()):
-            raise DataError("all parameters are held: one with a nominal value, a lower and an upper bound is needed")
         stated = [s if isinstance(s, int | float) else np.nan for s in measured.values()]
         start = np.array([limits[0] for limits in numbers.values()])
         local = LocalModel(known, table, tuple(variables), start, np.array(stated, dtype=float))
@@ -141,12 +150,17 @@ class SimulatorMachine:
             nominal = ", ".join(f"{p} = {limits[0]:g}" for p, limits in numbers.items())
             where = f"at the nominal parameters ({nominal}): {calls.said_of(error.__cause__)}"
             raise DataError(f"the simulator failed {where}{one_row}") from error
-        local.prepare()
+        seen = np.stack([np.asarray(data[y], dtype=float) for y in measured], axis=-1)
+        try:
+            local.prepare()
+        except DataError:  # numbers far from those it is made for
+            _refuse_units(data, local, start, seen)
+            raise
+        _refuse_coarse(data.name, local, seen)
         if local.rough:
             _say_beforehand(known, seconds, local)
-        seen = np.stack([np.asarray(data[y], dtype=float) for y in measured], axis=-1)
         local.calibrate(seen, data.fitted, np.array([*free.values()], dtype=np.bool_))
-        _refuse_units(data.name, local, start, seen, data.fitted)
+        _refuse_units(data, local, start, seen)
         found = dict(zip(numbers, local.parameters.tolist()))
         for y, own, noise in zip(measured, local.own, local.scale):
             sigma = measured[y]
@@ -193,7 +207,7 @@ class SimulatorMachine:
             if not inputs:
                 inputs = tuple(a.name for a in arguments if a.default is a.empty and a.name not in parameters)
         for word, value in (("inputs", inputs), ("parameters", parameters), ("measured", outputs)):
-            if not value:
+            if not value and (word != "parameters" or not self.call):  # a function may have none
                 upper = {"inputs": "INPUTS", "parameters": "PARAMETERS", "measured": "OUTPUTS"}[word]
                 where = f", or {upper} = ... in the file" if self.call else ""
                 raise DataError(f"machine.{word}= is missing{where}: a simulator has {word}")
@@ -330,40 +344,94 @@ def _say_beforehand(known: Caller, seconds: float, local: LocalModel) -> None:
             print_plain(text, file=sys.stderr, flush=True)
 
 
-def _refuse_units(name: str, local: LocalModel, nominal: Array, seen: Array, fitted: NDArray[np.bool_]) -> None:
-    """Raise `DataError` where no calibration brings an output near, and a factor of an output or an input does.
+def _refuse_coarse(name: str, local: LocalModel, seen: Array) -> None:
+    """Raise `DataError` where an output is rounded to steps larger than its noise, between which it is read."""
+    rows = np.arange(min(len(seen), _FEW_OF_UNITS) if local.independent else len(seen))
+    here, coarse = local.places[0].values, list[str]()
+    with suppress(DataError):  # a little off in all inputs: what lies on the steps there too is rounded
+        width = np.array([v.width if v.name in local.steps else 0.0 for v in local.variables if v.is_input])
+        [moved] = local.caller.ask([(local.inputs[rows] + _NEARBY * width, local.parameters)])
+        for k, y in enumerate(local.caller.names.outputs):
+            levels, noise = np.unique(here[:, k]), float(local.scale[k])
+            step = float(np.diff(levels).min()) if len(levels) > 1 else 0.0
+            if not step / math.sqrt(12) > noise:
+                continue
+            own, of_moved, read = (
+                bool(np.all(np.abs(d / step - np.round(d / step)) < _ON_STEP))
+                for d in (levels - levels[0], moved[:, k] - levels[0], seen[:, k] - levels[0])
+            )
+            if own and of_moved and not read:
+                enough = f"state a noise of {step / math.sqrt(12):.2g}, which such steps are worth"
+                text = f"{name}: the simulator rounds {y} to steps of {step:.3g}, far more than its noise, {noise:.2g}"
+                coarse.append(f"{text}: let it give more digits, or {enough}")
+    if coarse:
+        raise DataError(coarse[0])
 
-    Near is told by the misfit of shuffled readings; the factor is tried at the nominal parameters.
+
+def _refuse_units(data: MeasuredData, local: LocalModel, nominal: Array, seen: Array) -> None:
+    """Raise `DataError` where readings are far from the simulator, and other units of theirs cure it.
+
+    Far is a calibrated output that is as far as from shuffled readings, or much nearer to a multiple of them. Cures are
+    tried at the nominal parameters: the best factor of each such output, whatever its unit, alone and beside each other
+    unit that an input may be in.
     """
-    rows = np.flatnonzero(fitted)[:_FEW_OF_UNITS]
-    read, names = seen[rows], local.caller.names
+    rows, names = np.flatnonzero(data.fitted)[:_FEW_OF_UNITS], local.caller.names
+    read, inputs = seen[rows], local.inputs[rows]
     mixed = np.random.default_rng(0).permutation(read)
 
-    def misfit(predicted: Array, factor: float = 1.0) -> Array:
-        here, there = (np.median(np.abs(factor * y - predicted), axis=0) for y in (read, mixed))
+    def misfit(predicted: Array, factors: Array | float = 1.0) -> Array:
+        here, there = (np.median(np.abs(factors * y - predicted), axis=0) for y in (read, mixed))
         return np.asarray(np.where(np.isfinite(here) & (there > 0), here / np.where(there > 0, there, 1.0), 1.0))
 
-    far = misfit(local.places[0].values[rows]) > FAR
-    if len(rows) < _FEW_OF_UNITS // 2 or not far.any():
+    def factors(predicted: Array) -> Array:
+        """Return by what the readings are to be multiplied, (m,), 1 where it may be an error of their scale."""
+        found = np.array([_factor_of(y, p) for y, p in zip(read.T, predicted.T)])
+        return np.where(np.abs(np.log(found)) > _OF_UNITS, found, 1.0)
+
+    if len(rows) < _FEW_OF_UNITS // 2:
         return
-    inputs = local.inputs[rows]
-    [predicted] = local.caller.ask([(inputs, nominal)])
+    far = np.ones(len(names.outputs), dtype=np.bool_)
+    if local.slopes:  # it is calibrated
+        calibrated = local.places[0].values[rows]
+        now = misfit(calibrated)
+        far = (now > FAR) | (misfit(calibrated, factors(calibrated)) < _CURED * now)
+    if not far.any():
+        return
+    changes: list[tuple[str, float, float]] = [("", 1.0, 0.0)]
+    for u in names.inputs if local.independent else ():
+        changes += [(u, factor, 0.0) for factor in {*_FACTORS, *factors_near(data.units.get(u, "")).values()}]
+        changes += [(u, 1.0, shift) for shift in (_CELSIUS, -_CELSIUS)]
     cures = []
-    for k, y in enumerate(names.outputs):
-        of_one = np.arange(len(names.outputs)) == k
-        cures += [(np.where(of_one, misfit(predicted, f), misfit(predicted)), y, f) for f in UNKNOWN.values()]
-    for k, u in enumerate(names.inputs if local.independent else ()):
-        for factor in UNKNOWN.values():
-            with suppress(DataError):
-                [other] = local.caller.ask([(inputs * np.where(np.arange(inputs.shape[1]) == k, factor, 1.0), nominal)])
-                cures.append((misfit(other), u, factor))
-    left, column, factor = min(cures, key=lambda cure: float(np.mean(cure[0])))
-    if left[far].max() < _CURED:
+    for u, factor, shift in changes:
+        at = inputs.copy()
+        for k in (k for k, name in enumerate(names.inputs) if name == u):
+            at[:, k] = factor * at[:, k] + shift
+        with suppress(DataError), np.errstate(all="ignore"):
+            [predicted] = local.caller.ask([(at, nominal)])
+            for of_outputs in (np.ones(len(far)), np.where(far, factors(predicted), 1.0)):
+                words = [f"{u} is multiplied by {factor:.6g}"] * (factor != 1) + [f"{shift:+g} is added to {u}"] * (
+                    shift != 0
+                )
+                words += [f"{y} is multiplied by {f:.6g}" for y, f in zip(names.outputs, of_outputs) if f != 1]
+                cures.append((misfit(predicted, of_outputs), len(words), " and ".join(words)))
+    left, _, how = min(cures, key=lambda cure: (round(float(np.mean(cure[0])), 2), cure[1]))
+    if how and left[far].max() < _CURED:
         raise DataError(
-            f"{name}: the readings are as far from the simulator as shuffled ones, and near to it if {column} is "
-            f"multiplied by {factor:.6g}: file and simulator are in units that differ by this factor; write one of "
-            "them in those of the other"
+            f"{data.name}: the readings are as far from the simulator as shuffled ones, and near to it if {how}: file "
+            "and simulator are in other units; write one of them in those of the other"
         )
+
+
+def _factor_of(read: Array, predicted: Array) -> float:
+    """Return the factor that brings readings nearest to predictions; that of two units where one is this near to it."""
+    known = (read != 0) & (predicted / np.where(read != 0, read, 1.0) > 0) & np.isfinite(predicted)
+    if known.sum() < len(read) // 2:
+        return 1.0
+    ratio, weight = predicted[known] / read[known], np.abs(read[known])
+    order = np.argsort(ratio)
+    middle = float(ratio[order][np.searchsorted(np.cumsum(weight[order]), weight.sum() / 2)])  # of least deviation
+    near = min(_FACTORS, key=lambda factor: abs(math.log(factor / middle)))
+    return near if abs(math.log(near / middle)) < _ALIKE else middle
 
 
 def _moved(data: MeasuredData, inputs: Sequence[str], clock: str) -> MeasuredData:
