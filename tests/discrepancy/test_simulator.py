@@ -637,6 +637,14 @@ def test_a_simulator_without_a_free_parameter_is_searched_as_it_is(spring):
     assert explain(held, readings()).verdict == "none"
 
 
+def test_a_wave_over_the_clock_is_named_where_the_clock_is_known(spring):
+    data = readings().with_columns({"t_s": np.arange(120) * 17.0})
+    wave = 0.02 * np.sin(2 * np.pi * data["t_s"] / 410.0)
+    [finding] = explain(simulator(spring), data.with_columns({"y": data["y"] + wave})).findings
+    assert finding.effect == "cycle t_s in y"
+    assert finding.period == pytest.approx(410.0, rel=0.02)
+
+
 def test_kelvins_are_no_degrees_celsius_of_new_rows(spring):
     report = explain(simulator(spring), replace(readings(), units={"box": "degC"}))
     rows = {"u": [0.5], "t": [1.0], "u_dir": [1], "box [K]": [300.0]}

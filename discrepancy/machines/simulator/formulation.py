@@ -257,7 +257,7 @@ class SimulatorMachine:
             ))  # fmt: skip
         used = {c for j in joints for c in (j.reading, j.direction, j.velocity, j.torque, j.temperature)}
         used |= {*names.inputs, *names.outputs, clock, *data.computed}
-        others = [c for c in (self.covariates or numbers_of(data)) if c not in used]
+        others = [c for c in (self.covariates or numbers_of(data)) if c not in used or (c == clock and c in data)]
         for c in self.covariates:
             if c not in data:
                 raise DataError(f"machine.covariates={c}: no column; {suggest(c, numbers_of(data))}")
