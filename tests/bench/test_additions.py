@@ -12,6 +12,7 @@ from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.papers import ADDITIONS
 from calibench.bench.papers.rerun import PAPERS
+from calibench.bench.report.shared.kept import RECORD
 from calibench.bench.report.study.additions import AddedFigure, Addition, Mark, PrintedTable, TableSection
 from calibench.bench.report.study.figures import study_figures, target_chart
 from calibench.bench.report.study.write import write_report
@@ -97,6 +98,21 @@ def test_an_addition_is_seen_where_it_belongs(store):
     table = pd.read_csv(store.folder / "calibrated.csv").set_index(["optimizer", "parameter"])
     assert table.loc[("lm", "lb1"), "printed"] == 250.0
     assert table.loc[("lm", "lb2")].isna()["printed"]
+
+
+@pytest.mark.parametrize("code", ["same", "another"])
+def test_what_a_report_has_no_more_goes_and_a_file_of_ones_own_stays(store, code):
+    write_report(store, (MINE,))
+    if code == "another":
+        record = json.loads((store.folder / RECORD).read_text())
+        (store.folder / RECORD).write_text(json.dumps(record | {"code": code}))
+    own = store.folder / "figures" / "square_mine.png"
+    own.touch()
+    write_report(store)
+    left = {path.stem for path in store.folder.glob("*/*")}
+    assert "convergence_full12" in {name.partition("_gauge")[0] for name in left}
+    assert own.exists()
+    assert not {"square", "heights"} & left
 
 
 def test_without_additions_a_report_shows_the_runs_alone(store):

@@ -40,12 +40,12 @@ class Kept:
 
     @classmethod
     def read(cls, folder: Path) -> Self:
-        """Return what is kept in `folder`; of other code, or of a damaged file, nothing."""
+        """Return what is kept in `folder`; of other code what was `written` alone, of a damaged file nothing."""
         try:
             kept = cls(**json.loads((folder / RECORD).read_text(encoding="utf-8")))
+            return kept if kept.code == code() else cls(written=tuple(kept.written))
         except (OSError, ValueError, TypeError):
             return cls()
-        return kept if kept.code == code() else cls()
 
     def is_current(self, folder: Path) -> bool:
         """Tell whether every file is as the report left it, and there is no other."""

@@ -156,6 +156,9 @@ def write_report(
     tell(steps - 1, steps, "the page")
     written.append(write_whole(store.folder / "report.html", lambda file: file.write(page.encode())))
     ours = [path.relative_to(store.folder).as_posix() for path in written]
+    for name in finished.files:  # of the last report, which this one has no more
+        if name.startswith(("figures/", "tables/")) and name in kept.written and name not in ours:
+            (store.folder / name).unlink(missing_ok=True)
     after = state_of(store.folder, finished.files)  # of which what others changed meanwhile is not in the report
     files = {name: after[name] if name in ours else finished.files.get(name, []) for name in after}
     Kept(code=code(), files=files, written=ours, figures=drawings.digests).write(store.folder)
