@@ -77,7 +77,7 @@ def _write_function(home: Path, algorithm: str, number: int, name: str, runs: Se
             best_of["y"] = y if isfinite(y) else None  # JSON has no infinity
             best_of["x"] = [] if x is None else [float(value) for value in x]
             counts = {"instance": _instance(run), "evals": int(run.row["charged"])}
-            listed.append(counts | {"best": best_of, "repetition": int(run.row["repetition"])})
+            listed.append(counts | {"best": best_of, "repetition": int(run.row["repetition"])} | _judged_of(run))
         (home / path).write_text("evaluations raw_y\n" + "".join(lines), encoding="ascii")
         scenarios.append({"dimension": dimension, "path": path, "runs": listed})
     row = runs[0].row
@@ -102,6 +102,15 @@ def _write_function(home: Path, algorithm: str, number: int, name: str, runs: Se
     }  # fmt: skip
     text = json.dumps(description, indent=1, allow_nan=False)
     (home / f"IOHprofiler_f{number}_{name}.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _judged_of(run: RunRecord) -> dict[str, Any]:
+    """Return how the answer was judged, as attributes of a run; nothing where values are not noisy."""
+    if pd.isna(run.row["judged_evaluations"]):
+        return {}
+    value = float(run.row["judged_value"])
+    evaluations = int(run.row["judged_evaluations"])
+    return {"judged_value": value if isfinite(value) else None, "judged_evaluations": evaluations}
 
 
 def _instance(run: RunRecord) -> int:
@@ -161,12 +170,17 @@ def _runs(path: Path, description: Mapping[str, Any]) -> Iterator[PublishedRun]:
                 named = studies.named_problem("ioh", options, f"{suite}_f{function}_i{instance}_d{dimension}")
                 if named.minimum is None:
                     named = replace(named, minimum=0.0, data_id=f"{named.data_id}_gap")
+            columns = {key: value for key, value in {**ours, **known}.items() if key in _KEPT}
+            if "judged_evaluations" in run:
+                value = run["judged_value"]
+                columns["judged_value"] = inf if value is None else float(value)
+                columns["judged_evaluations"] = int(run["judged_evaluations"])
             yield PublishedRun(
                 algorithm=str(description["algorithm"]["name"]), problem=named.problem, data_id=named.data_id,
                 problem_options=named.problem_options, dimension=dimension, minimum=named.minimum,
                 evaluations=int(run["evals"]), improvements=points, targets=known.get("targets"),
                 best=run["best"]["y"], best_x=[float(value) for value in run["best"].get("x") or []] or None,
-                columns={key: value for key, value in {**ours, **known}.items() if key in _KEPT},
+                columns=columns,
             )  # fmt: skip
 
 

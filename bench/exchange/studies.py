@@ -43,8 +43,8 @@ from calibench.problems.suites.black_box import COCO_GAPS
 
 _COLUMNS = [
     "run_id", "dimension", "repetition", "start", "budget", "target", "evaluations", "charged", "restarts", "status",
-    "best_value", "best_evaluation", "best_x", "targets", "hits_charged", "unit", "minimum", "judged_evaluations",
-    "library", "library_version", "jacobian_evaluations",
+    "best_value", "best_evaluation", "best_x", "targets", "hits_charged", "unit", "minimum", "judged_value",
+    "judged_evaluations", "library", "library_version", "jacobian_evaluations",
 ]  # fmt: skip
 _PER_DECADE = 5  # gaps of COCO's grid
 _NOT_PLAIN = re.compile(r"[^A-Za-z0-9_.=+-]+")
@@ -279,12 +279,14 @@ def write_study(runs: Sequence[PublishedRun], format_name: str, source: Path, ta
             while i < len(run.improvements) and run.improvements[i][1] > gap:
                 i += 1
             hits.append(run.improvements[i][0] if i < len(run.improvements) else None)
+        last = run.improvements[-1] if run.improvements else (0, inf)
+        if "judged_value" in run.columns:  # the lowest value seen may be luck: the answer counts, where it was proposed
+            hits = [last[0] if run.columns["judged_value"] <= level else None for level in levels]
         repetition = repetitions[key]
         repetitions[key] += 1
         number = digest(
             "published", format_name, run.algorithm, run.columns, run.problem, run.problem_options, repetition
         )
-        last = run.improvements[-1] if run.improvements else (0, inf)
         empty = not run.improvements  # as the data of a failed run are written
         rows.append({
             "run_id": number, "problem": run.problem, "problem_options": run.problem_options, "data_id": run.data_id,

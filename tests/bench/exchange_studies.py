@@ -43,6 +43,18 @@ class Falls(Raised):
         return super().__call__(x)
 
 
+class Trembles(Raised):
+    """The same with noise: the lowest value seen is a lucky one. Without noise that of instance 2 is not finite."""
+
+    stochastic = True
+
+    def __call__(self, x):
+        return super().__call__(x) + 30.0 * self.rng.standard_normal()
+
+    def noise_free(self, x):
+        return super().__call__(x) if self.options["instance"] == 1 else np.inf
+
+
 def suite_study(folder: Path, instances=(1, 2, 3), seeds=range(2), methods=("de", "nlopt_LN_BOBYQA"), budget=300):
     """Fill `folder` with runs on two functions in two dimensions; return its store."""
     store = ResultStore(folder)

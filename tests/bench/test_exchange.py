@@ -29,7 +29,7 @@ from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.statistics.fixed_target import ecdf
 from calibench.bench.store.runs import ResultStore
 from calibench.problems.suites.black_box import COCO_GAPS
-from tests.bench.exchange_studies import Falls, Raised, mixed_study, suite_study
+from tests.bench.exchange_studies import Falls, Raised, Trembles, mixed_study, suite_study
 
 pytestmark = pytest.mark.usefixtures("one_process", "undrawn")
 
@@ -146,6 +146,21 @@ def test_a_failed_run_reached_nothing_and_pays(run_bench, tmp_path):
     lines = (tmp_path / "coco").rglob("*f3_DIM2.dat")
     values = [float(line.split()[2]) for line in next(lines).read_text().splitlines()[1:]]
     assert values == [NOT_FINITE, NOT_FINITE]
+
+
+def test_a_noisy_problem_comes_back_with_its_answers_as_they_were_judged(run_bench, tmp_path):
+    store = ResultStore(tmp_path / "s")
+    store.open()
+    for instance in (1, 2):
+        problem = Trembles(instance=instance)
+        store.write(bench.execute(problem, optimizers.make("de"), budget=60, start="random"))
+    store.collect()
+    for command in ("export ioh s --to there", "import ioh there --to back"):
+        assert run_bench(command)[0] == 0
+    before, after = (ResultStore(name).runs().sort_values("data_id") for name in ("s", "back"))
+    assert (before["best_value"] < before["judged_value"]).all()
+    for name in ("judged_value", "judged_evaluations", "hits_charged"):
+        assert after[name].tolist() == before[name].tolist()
 
 
 @pytest.mark.slow
