@@ -40,9 +40,10 @@ def compare_studies(argv: list[str]) -> int:
             )
         del words[at : at + 3]
         methods = name_in_rows(named[0]), name_in_rows(named[1])
-    order = [word for word in words if word.startswith("by=")]
-    by = read(CompareWords, "compare", order).by
-    flags, folders = split_flags([word for word in words if word not in order], ("--json", "--methods"))
+    with_key = [word for word in words if "=" in word and word.partition("=")[0].isidentifier()]
+    keyed = [word for word in with_key if not Path(word).is_dir()]
+    by = read(CompareWords, "compare", keyed).by
+    flags, folders = split_flags([word for word in words if word not in keyed], ("--json", "--methods"))
     if len(folders) != 2 and not (methods and len(folders) == 1):
         raise ValueError("compare: two folders are needed, bench compare A B, or one with --methods M1 M2")
     sides = [ResultStore(Path(folder)).runs() for folder in folders]

@@ -307,7 +307,8 @@ def test_a_block_has_the_median_over_repetitions_and_incomplete_ones_are_told():
     assert {"made:a", "made:b", "made:c"} <= {text.get_text().split()[0] for text in figure.axes[0].texts}
 
 
-def test_the_command_compares_two_folders(tmp_path, capsys):
+def test_the_command_compares_two_folders(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     for name, budget_spent in (("a", 30), ("b", 60)):
         made = ResultStore(tmp_path / name)
         made.open()
@@ -327,6 +328,10 @@ def test_the_command_compares_two_folders(tmp_path, capsys):
     assert _bench("compare", tmp_path / "a", tmp_path / "b", "by=value", "by=speed") == 2
     assert _bench("compare", tmp_path / "a", "--methods", "de", "lm") == 2
     assert "choices: de" in capsys.readouterr().err
+    assert _bench("compare", tmp_path / "a", tmp_path / "b", "budget=600") == 2
+    assert "compare: unknown argument 'budget'; choices: by" in capsys.readouterr().err
+    (tmp_path / "a").rename("seeds=8")  # a folder may be called so
+    assert _bench("compare", "seeds=8", tmp_path / "twin") == 0
 
 
 def test_where_no_cell_is_in_both_it_says_what_differs(tmp_path, capsys):
