@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibench.bench.commands.console import print_json, print_table
 from calibench.bench.store.manifest import Notes, read_notes, write_notes
-from calibench.bench.tracking.catalogue import catalogue, find_study, line_of
+from calibench.bench.tracking.catalogue import advice_on, catalogue, find_study, line_of
 from calibench.bench.verbs import HistoryWords, TrackingWords, UiWords
 from calibench.bench.words import read, split_flags, split_word
 from calibench.core.words import counted, print_plain as print
@@ -28,7 +28,7 @@ def list_studies(argv: list[str]) -> int:
         print_json([asdict(entry) for entry in found])
         return 0
     if not found:
-        print(f"{results}: no study is there that keeps to this")
+        print(f"{results}: no study is there that keeps to this{advice_on(results, filters)}")
         return 0
     shown = found if "--all" in flags else found[:_SHOWN]
     lines = [line_of(entry) for entry in shown]

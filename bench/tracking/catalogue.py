@@ -86,6 +86,7 @@ class Entry:
 Kept = dict[str, tuple[str, Entry | None]]  # by a folder's name: the state of its files, and None if it is not ours
 COLUMNS = tuple(one.name for one in fields(Entry))
 _TUPLES = tuple(one.name for one in fields(Entry) if get_origin(one.type) is tuple)
+_NAMES = (*_TUPLES, "study", "kind", "status")  # columns of few values, each of which may be asked for
 
 
 def catalogue(results: str | Path = "results", words: Sequence[str] = ()) -> list[Entry]:
@@ -360,10 +361,24 @@ def _filters(words: Sequence[str]) -> list[Callable[[Entry], bool]]:
 
 
 def _has(entry: Entry, key: str, choices: str) -> bool:
+    return any(fnmatchcase(text, choice) for text in _texts_of(entry, key) for choice in choices.split(","))
+
+
+def _texts_of(entry: Entry, key: str) -> list[str]:
     found = getattr(entry, key)
     texts = [str(one) for one in found] if isinstance(found, tuple) else [str(found)]
-    texts = [text.lower() for text in texts] if isinstance(found, bool) else texts
-    return any(fnmatchcase(text, choice) for text in texts for choice in choices.split(","))
+    return [text.lower() for text in texts] if isinstance(found, bool) else texts
+
+
+def advice_on(results: Path, words: Sequence[str]) -> str:
+    """Return what to write in place of each word COLUMN=VALUE to which no entry below `results` keeps."""
+    known, advice = list(entries(results)), ""
+    for word in words if known else ():
+        key, _, value = word.partition("=")
+        if key in _NAMES and not any(_has(entry, key, value) for entry in known):
+            texts = sorted({text for entry in known for text in _texts_of(entry, key) if text})
+            advice += f"; {word}: {suggest(value, texts)}"
+    return advice
 
 
 def find_study(results: Path, name: str) -> tuple[Path, Entry]:

@@ -72,6 +72,20 @@ def test_filters_speak_in_columns(results, words, found):
     assert names(results, *words) == found
 
 
+@pytest.mark.parametrize(
+    ("words", "advice"),
+    [
+        (["problem=zero"], "; problem=zero: did you mean 'sensor_zero'? choices: link_length, sensor_zero\n"),
+        (["optimizer=de", "status=OK", "since=7d"], "; status=OK: did you mean 'ok'? choices: ok\n"),
+        (["optimizer=de", "problem=sensor*"], "keeps to this\n"),
+    ],
+)  # fmt: skip
+def test_where_no_study_keeps_to_a_word_what_is_there_is_said(results, run_bench, words, advice):
+    code, out, _ = run_bench(["studies", str(results), *words])
+    assert code == 0
+    assert out.endswith(advice)
+
+
 @pytest.mark.parametrize("word", ["optimiser=de", "optimizer=", "since=yesterday", "since!=7d", "until=2026-13-01"])
 def test_a_filter_that_makes_no_sense_is_one_line(results, word):
     with pytest.raises(ValueError, match=r"^studies: [^\n]{10,400}$"):
