@@ -51,6 +51,7 @@ class Rosenbrock:
         self.options = {"dimension": dimension}  # seeds follow from it, and not from where the book lies
         self.book = os.open(book, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
 
+    @np.errstate(all="ignore")  # where no bound is finite a point need not be
     def __call__(self, x: Array) -> float:
         self._write(b"e", x)
         r = self._residuals(x)
@@ -69,10 +70,12 @@ class Rosenbrock:
 class SumOfSquares(Rosenbrock):
     """The same with its residuals and their Jacobian in the open."""
 
+    @np.errstate(all="ignore")
     def residuals(self, x: Array) -> Array:
         self._write(b"e", x)
         return self._residuals(x)
 
+    @np.errstate(all="ignore")
     def jacobian(self, x: Array) -> Array:
         self._write(b"j", x)
         n = len(x)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from calibench import optimizers, testing
 from calibench.optimizers import Stop, Traits
+from calibench.testing.optimizer import SumOfSquares
 
 KEPT: list[Any] = []
 
@@ -225,3 +227,14 @@ def test_what_a_run_knows_of_itself_is_there_to_be_read():
 def test_a_point_of_a_wrong_shape_is_told_as_such():
     with pytest.raises(AssertionError, match=r"\(12,\).*\(13,\)"):
         testing.check_optimizer(OneMore)
+
+
+def test_the_laws_own_function_is_silent_at_points_that_are_not_finite(tmp_path):
+    problem = SumOfSquares(tmp_path / "book", 2)
+    far = np.full(2, np.inf)
+    try:
+        assert not np.isfinite(problem(far))
+        assert not np.isfinite(problem.residuals(far)).any()
+        assert not np.isfinite(problem.jacobian(far)[0, 0])
+    finally:
+        os.close(problem.book)
