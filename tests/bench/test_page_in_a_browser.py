@@ -347,6 +347,8 @@ def test_no_name_of_a_method_is_broken_within_a_word_and_no_column_is_half_empty
     parts = "[...document.querySelectorAll('.whole')].filter(e => e.offsetWidth).map(e => e.getClientRects().length)"
     assert set(page.evaluate(parts)) == {1}
     assert page.evaluate("document.querySelectorAll('table.methods wbr').length") > 0
+    squeezed = "[...document.querySelectorAll('.list .mark')].filter(e => e.scrollWidth > e.clientWidth).length"
+    assert page.evaluate(squeezed) == 0  # a line sample would lie on the name
     left_over = """[...document.querySelectorAll('.charts')].filter(e => e.offsetWidth).map(e =>
         e.getBoundingClientRect().right - e.lastElementChild.getBoundingClientRect().right)"""
     assert max(map(abs, page.evaluate(left_over))) < 1
