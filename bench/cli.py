@@ -12,7 +12,7 @@ from importlib import import_module
 from traceback import extract_tb
 
 from calibench.core import process
-from calibench.core.words import check_word, one_line
+from calibench.core.words import check_word, one_line, shortened
 
 _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --version)
        bench VERB --help         what one verb reads: all of its words, with what they mean
@@ -177,8 +177,9 @@ def _dispatch(argv: list[str]) -> int:
     with names_of_files(trust="--trust" in rest):
         code = call([word for word in rest if word != "--trust"])
     if classes := take_not_imported():  # that would have told more
-        named = ", ".join(f"the {kind} is {name}" for kind, name in [*classes][:3])
-        more = f" and {len(classes) - 3} more" if len(classes) > 3 else ""
+        first = dict([*classes][::-1])  # of each kind one is named
+        named = ", ".join(f"the {kind} is {shortened(name)}" for kind, name in first.items())
+        more = f" and {len(classes) - len(first)} more" if len(classes) > len(first) else ""
         left_out = "; ".join(dict.fromkeys(what for whats in classes.values() for what in whats))
         line = f"bench: {one_line(named + more)}, which reading does not import; --trust does"
         print(f"{line}. Left out: {left_out}" if left_out else line, file=sys.stderr)

@@ -199,6 +199,16 @@ def test_a_class_that_is_typed_is_imported_and_its_rows_are_read_without_it(run_
     assert not sign.exists()
 
 
+def test_the_line_on_classes_that_are_not_imported_names_one_of_a_kind(monkeypatch, run_bench):
+    classes = {("optimizer", f"published {'x' * 90} {i}"): [] for i in range(5)} | {("problem", "a.py:B"): ["a rest"]}
+    monkeypatch.setattr("calibench.core.registry.take_not_imported", lambda: classes)
+    ResultStore("s").open()
+    line = run_bench("status s")[2].splitlines()[-1]
+    assert len(line) < 250
+    assert "the problem is a.py:B" in line
+    assert " and 4 more, which reading does not import; --trust does. Left out: a rest" in line
+
+
 def test_a_run_whose_file_is_not_here_says_so(run_bench, sign, forget, tmp_path):
     run_bench("run problem=mine.py:Bowl optimizer=de budget=20 seeds=1 study=s")
     forget()
