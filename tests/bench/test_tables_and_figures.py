@@ -198,6 +198,16 @@ def test_the_overview_is_sorted_and_complete(runs):
     assert table["runs"].sum() == (runs["problem"] == "full12").sum()
 
 
+def test_the_gauge_figure_builds_no_problem_after_it_was_found_to_apply(monkeypatch):
+    gauge = next(figure for addition in ADDITIONS for figure in addition.figures if figure.name == "gauge")
+    runs = pd.DataFrame({"problem": ["full12"]})
+    with tables.problems_made_once():
+        assert gauge.applies(runs)
+        monkeypatch.setattr(problems, "full12", None, raising=False)
+        _, points = gauge.draw(runs, runs)
+    assert {*points["held"]} == {"ya2", "xa2"}
+
+
 def test_the_printed_twelve_parameter_results_lie_on_the_gauge_curve():
     points = gauge_points()
     right = points[~points["misprint"] & ~points["parameter"].str.startswith("z")]

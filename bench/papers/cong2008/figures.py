@@ -29,6 +29,7 @@ from calibench.bench.statistics.tables import once
 from calibench.bench.store.arrays import lists_of
 from calibench.bench.store.runs import ResultStore
 from calibench.problems import constants
+from calibench.problems.base import Array
 
 FIGURES = {"cong2008_fig3": "J1", "cong2008_fig4": "J2", "cong2008_fig5": "J3"}
 _PAPER = "cong2008"
@@ -144,16 +145,14 @@ def _course(cell: pd.DataFrame) -> dict[str, Any]:
 
 def gauge(*_: pd.DataFrame) -> drawing.Drawing:
     """Draw Table 4's and Table 7's printed 12-parameter results on the gauge curve through the true machine."""
-    points = gauge_points()
+    points, curves = _on_gauge()
     with rc_context(drawing.STYLE):
         figure = Figure(figsize=(10.2, 4.9), layout="constrained")
         for axes, (key, table) in zip(figure.subplots(1, 2), points.groupby("table", sort=False), strict=True):
             held, fitted, scale = (table[name].iloc[0] for name in ("held", "phi", "scale"))
-            problem = problems.full12(gauge=str(held))
-            phi = np.linspace(-0.15 * fitted, 1.25 * fitted, 200)
-            names = [p.name for p in problem.parameters]
-            moved = np.array([problem.gauge_curve(angle) for angle in phi]) - problem.gauge_curve(0.0)
-            true = dict(zip(names, problem.gauge_curve(0.0), strict=True))
+            phi, curve, origin = curves[str(key)]
+            names, moved = [*table["parameter"]], curve - origin
+            true = dict(zip(names, origin, strict=True))
             groups = {name: [name] for name in names if name[0] in "xy"}
             groups |= {"six link lengths": [n for n in names if n[0] == "l"]}
             groups |= {"offsets z x 244 mm": [n for n in names if n[0] == "z"]}
@@ -191,7 +190,16 @@ def gauge(*_: pd.DataFrame) -> drawing.Drawing:
 
 def gauge_points() -> pd.DataFrame:
     """Return the printed 12-parameter columns of Tables 4 and 7 on their gauge curve, a row for each parameter."""
-    rows = []
+    return _on_gauge()[0]
+
+
+def _on_gauge() -> tuple[pd.DataFrame, dict[str, tuple[Array, Array, Array]]]:
+    """Return `gauge_points`, and by table angles, shape (k,), the curve there, shape (k, 12), and where it is at 0."""
+    return once(("gauge", _PAPER), _worked_out)  # type: ignore[no-any-return]
+
+
+def _worked_out() -> tuple[pd.DataFrame, dict[str, tuple[Array, Array, Array]]]:
+    rows, curves = [], {}
     for key, held in (("table4.j3_12", "ya2"), ("table7.de_j3", "xa2")):
         column, problem = constants.column(_PAPER, key), problems.full12(gauge=held)
         names = [p.name for p in problem.parameters]
@@ -204,7 +212,9 @@ def gauge_points() -> pd.DataFrame:
             slope = (ahead - behind) / (2 * _BY)
             phi -= float(slope @ here / (slope @ slope))
         on_curve, at = problem.gauge_curve(phi), names.index("lb1")
-        scale = float(on_curve[at] / problem.gauge_curve(0.0)[at])
+        origin, angles = problem.gauge_curve(0.0), np.linspace(-0.15 * phi, 1.25 * phi, 200)
+        curves[key] = angles, np.array([problem.gauge_curve(angle) for angle in angles]), origin
+        scale = float(on_curve[at] / origin[at])
         for i, name in enumerate(names):
             entry = column.entries[name]
             rows.append(
@@ -214,7 +224,7 @@ def gauge_points() -> pd.DataFrame:
                     "misfit_mm": float((read[i] - on_curve[i]) * arms[i]), "misprint": entry.is_misprint,
                 }
             )  # fmt: skip
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows), curves
 
 
 def plans(*_: pd.DataFrame) -> drawing.Drawing:
@@ -351,7 +361,7 @@ ADDITION = Addition(
         ),
         AddedFigure(
             "gauge", "The printed 12-parameter results on the curve along which no reading changes",
-            lambda runs: bool(runs["problem"].eq("full12").any()), gauge,
+            lambda runs: bool(runs["problem"].eq("full12").any() and _on_gauge()), gauge,  # in the problems' process
         ),
         AddedFigure(
             "plans", "What sampling plans can tell of 11 parameters",
