@@ -1,8 +1,7 @@
 """A hundred thousand readings explained, a fresh process each.
 
 CPU time and largest memory of `explain` on one sealed file of 25 000 poses read four times, with a tracker's x, y, and
-on as many readings of other machines; a file counts as one evaluation. The memory stands beside the case's name. An arm
-has ten errors, of which a search names at most `Thresholds.effects_most`.
+on as many readings of other machines; a file counts as one evaluation. An arm has ten errors.
 """
 
 from __future__ import annotations

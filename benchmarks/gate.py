@@ -1,7 +1,7 @@
 """What the gate costs: the same array through the bare kernel, through the problem, and through the gate.
 
 Asked as an optimiser asks it: best, trace and the look for what is not finite are on. Whether a point is in the box is
-looked at of a user's optimiser, and where its trait says that it is not bounded. A plain class in Python stands below.
+looked at of a user's optimiser, and where its trait says that it is not bounded.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """From the shell to the answer.
 
-CPU time of whole processes, bytecode and compiled code in the cache. Most of a tiny run is the import of numba and
-pyarrow, and for lm of SciPy's optimisers.
+CPU time of whole processes, bytecode and compiled code in the cache.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The store with thousands of runs: writing runs, the first collection, one more run, opening, reading. Wall time.
-
-A "ns_per_evaluation" is here of a run, and wall time, as a store waits for the disk.
-"""
+"""The store with thousands of runs: writing runs, the first collection, one more run, opening, reading. Wall time."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """Sweeps of many short runs: what the harness takes beside the optimisers, how that grows, and the tables afterwards.
 
 `bench run` of one problem and one optimiser, budget 60, on two processes. Times are of a run: the CPU time of all
-processes, less what the optimisers took (`cpu_s` of the rows) and start-up. Then the wall time of `bench status` and
-of reading.
+processes, less what the optimisers took (`cpu_s` of the rows) and start-up.
 """
 
 from __future__ import annotations
