@@ -120,7 +120,7 @@ _EXACT = 1e-10  # times the misfit of shuffled readings, or the numbers of a row
 _LARGEST = 4.0  # times the noise: the largest misfit of some hundred shuffled readings of noise alone
 _MOST_OUT = 0.05  # part of the rows that may be so far off
 Cure = tuple[str, float]  # a change that brings the readings to the model, in words, and the misfit after it
-UNKNOWN = {"m": 1000.0, "um": 1e-3, "deg": pi / 180, "rad": 180 / pi}  # units that numbers may be in if none is stated
+_UNKNOWN = {"m": 1000.0, "um": 1e-3, "deg": pi / 180, "rad": 180 / pi}  # units that numbers may be in if none is stated
 
 
 def refuse_wild(formulation: Formulation) -> None:
@@ -294,7 +294,7 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers], whole: Formulatio
     unstated = [names for group in by_unit if (names := tuple(n for n in group if n not in stated))]
     for names in dict.fromkeys((*groups, *by_unit, *unstated, *single)):
         unit, one = unit_of[names[0]], len(names) == 1
-        for other, factor in (factors_near(unit) if unit else UNKNOWN).items():
+        for other, factor in (factors_near(unit) if unit else _UNKNOWN).items():
             misfit = _changed(formulation, q, names, partial(np.multiply, factor))
             missing = json.dumps(dict.fromkeys(names, other), ensure_ascii=False)
             way_out = f"{'looks' if one else 'look'} like {other}; state the unit of the column: units={missing}"
