@@ -79,20 +79,6 @@ def carried(report: Report, others: Sequence[MeasuredData]) -> Report:
     return replace(report, findings=tuple(findings), across=tuple(ordered))
 
 
-def _at_period(of: Effect, at: float) -> effects_of.LinearEffect:
-    """Return a wave of free period at the period that it has where its last coefficient is `at`."""
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        own = of.basis(q, data, np.append(np.zeros(len(of.coefficients) - 1), at))
-        return {name: columns[:, :-1] for name, columns in own.items()}
-
-    return effects_of.LinearEffect(
-        of.family, of.target, of.formula, channel=of.channel, columns=of.columns, coefficients=of.coefficients[:-1],
-        units=of.units[:-1], unit=of.unit, changes=changes, twins=of.twins,
-        measure=lambda c: of.amplitude(np.append(c, at)), largest=getattr(of, "largest", np.inf),
-    )  # fmt: skip
-
-
 @final
 @dataclass(frozen=True, eq=False)
 class _Expected:
@@ -111,14 +97,23 @@ class _Expected:
 
     def held(self) -> "_Expected":
         """Return the same at the period that it had, where that was fitted."""
-        [effect, *forms] = self.effects
-        if forms or not has_free_period(effect):
+        [of, *forms] = self.effects
+        if forms or not has_free_period(of):
             return self
         k = len(self.numbers) - 1
-        return replace(
-            self, effects=(_at_period(effect, float(self.numbers[k])),), numbers=self.numbers[:k],
-            weights=self.weights[:k, :k], spread=self.spread[:k, :k],
+        at = float(self.numbers[k])  # the last coefficient tells the period
+
+        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+            return {name: columns[:, :-1] for name, columns in of.basis(q, data, np.append(np.zeros(k), at)).items()}
+
+        effect = effects_of.LinearEffect(
+            of.family, of.target, of.formula, channel=of.channel, columns=of.columns, coefficients=of.coefficients[:-1],
+            units=of.units[:-1], unit=of.unit, changes=changes, twins=of.twins,
+            measure=lambda c: of.amplitude(np.append(c, at)), largest=getattr(of, "largest", np.inf),
         )  # fmt: skip
+        return replace(
+            self, effects=(effect,), numbers=self.numbers[:k], weights=self.weights[:k, :k], spread=self.spread[:k, :k]
+        )
 
 
 def _numbers(of: Fit, effects: Sequence[Effect], weights: Array) -> tuple[Array, Array]:

@@ -61,15 +61,11 @@ class Search:
     standing: Standing | None = None
     no_noise: tuple[Pattern, ...] = ()
 
-    @property
-    def formulation(self) -> Formulation:
-        return self.base.model.formulation
-
 
 def notes_of(search: Search, given: Iterable[Note]) -> tuple[Note, ...]:
     """Return the notes of a finished search: those on the whole, those `given` by its data and fits, all others."""
     notes: list[Note] = []
-    parameters = search.final.model.formulation.parameters
+    formulation, parameters = search.base.model.formulation, search.final.model.formulation.parameters
     ends = {p.name: float(search.final.x[k]) for k, p in enumerate(parameters)}
     if out := outside_bounds(parameters, ends):
         text = (
@@ -78,7 +74,7 @@ def notes_of(search: Search, given: Iterable[Note]) -> tuple[Note, ...]:
         )
         notes.append(Note(Code.OUTSIDE_BOUNDS, text, values={p.name: ends[p.name] for p in out}))
     lost = search.verdict == "unknown" and search.gap.train_before > _FAR_OFF  # noise alone does not cause that
-    if lost and as_far_as_shuffled(search.formulation, search.base.x):
+    if lost and as_far_as_shuffled(formulation, search.base.x):
         text = (
             "the calibrated model is hardly nearer to the readings than to shuffled ones: are these readings of this "
             "machine, is each column under its own name, and is each row of one reading?"
@@ -93,8 +89,8 @@ def notes_of(search: Search, given: Iterable[Note]) -> tuple[Note, ...]:
         )
         notes.append(Note(Code.ONE_UNSEEN, text, names, rows, {"times": lone.times}))
     notes += (*given, *_on_the_readings(search), *on_the_findings(search))
-    columns, first = roles_of(search.formulation).columns, search.selection.first
-    if columns and not measured_columns(search.formulation):
+    columns, first = roles_of(formulation).columns, search.selection.first
+    if columns and not measured_columns(formulation):
         text = (
             f"columns {', '.join(columns)}: nothing but joints is read, so no trend over them has a name; a joint's "
             f'own are declared with it, such as Joint(temperature="{columns[0]}")'
@@ -141,7 +137,7 @@ def _told_of(formulation: Formulation, row: int) -> tuple[str, tuple[str, ...], 
 
 
 def _on_the_readings(search: Search) -> Iterator[Note]:
-    formulation = search.formulation
+    formulation = search.base.model.formulation
     if (one := one_reading(search.base)) is not None:
         row, times = one
         reading, names, rows = _told_of(formulation, row)
@@ -200,7 +196,8 @@ def _on_the_readings(search: Search) -> Iterator[Note]:
 
 def on_the_findings(search: Search) -> Iterator[Note]:
     """Yield notes on findings whose size does not mean what it seems to."""
-    words, effects = words_of(roles_of(search.formulation)), {name_of(e): e for e in search.final.model.effects}
+    words = words_of(roles_of(search.base.model.formulation))
+    effects = {name_of(e): e for e in search.final.model.effects}
     labels = {one.effect: effect_label(search.machine, one.family, one.target) for one in search.findings}
     for one in search.findings:
         family = family_of(search.machine, one.family)

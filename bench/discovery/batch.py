@@ -265,7 +265,7 @@ def search_all(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcom
     try:
         if request.workers == 1 or alone or not CAN_FORK:
             for one in listed:
-                with _telling(one.case):
+                with meanwhile(partial(_tell, one.case, monotonic()), _SOON, _EVERY):
                     outcome = search(one)
                 yield outcome
         else:
@@ -281,14 +281,8 @@ def search_all(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcom
 _SOON, _EVERY = 5.0, 30.0  # s of a search after which its first line, and each further one, is told
 
 
-def _telling(case: str) -> AbstractContextManager[None]:
-    """Tell on the terminal, while a search takes long, that it goes on."""
-    began = monotonic()
-
-    def tell() -> None:
-        print_plain(f"  searching {case}, {monotonic() - began:.0f} s so far", file=sys.stderr, flush=True)
-
-    return meanwhile(tell, _SOON, _EVERY)
+def _tell(case: str, began: float) -> None:
+    print_plain(f"  searching {case}, {monotonic() - began:.0f} s so far", file=sys.stderr, flush=True)
 
 
 def search_digest(machine: Machine) -> str:
@@ -322,18 +316,17 @@ def _search(
         return Outcome(known, True, page if page.exists() else None)
     origin = {**provenance(), "started_at": datetime.now(UTC).isoformat()}
     record = SearchRecord(source.case, source.machine, case_id, data_id, request.options, origin)
-    with _drawing(beside=alone) if pages else nullcontext() as draw:
+    drawn: AbstractContextManager[Draw | None] = nullcontext()
+    if pages:
+        from calibench.bench.discovery.page.page import drawing
+
+        drawn = drawing(beside=alone)
+    with drawn as draw:
         record = _searched(record, request, source, others, retry, alone, draw)
     store.write(record)
     if sent and record.report is not None:
         record = replace(record, report=replace(record.report, candidates=(), fitted=None))
     return Outcome(record, False, page if page.exists() else None)
-
-
-def _drawing(beside: bool) -> "AbstractContextManager[Draw]":
-    from calibench.bench.discovery.page.page import drawing
-
-    return drawing(beside)
 
 
 def _searched(

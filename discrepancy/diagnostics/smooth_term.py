@@ -12,7 +12,7 @@ from typing import final
 import numpy as np
 
 from calibench.discrepancy.fitting.fit import Fit
-from calibench.discrepancy.model.effect import size
+from calibench.discrepancy.model.effect import linear_shift, size
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model
@@ -54,8 +54,8 @@ class SmoothTerm:
         names = tuple(f"{q} s{k}" for q in self.quantities for k in range(one))
         vars(self).update(columns=self.covariates, coefficients=names, units=(self.unit,) * len(names))
 
-    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        return {name: basis @ c for name, basis in self.basis(q, data, c).items()}
+    shift = linear_shift
+    amplitude = staticmethod(size)
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         values = [np.asarray(data[name], dtype=float) for name in self.covariates]
@@ -74,9 +74,6 @@ class SmoothTerm:
             wide[:, j * k : (j + 1) * k] = one
             found[name] = wide
         return found
-
-    def amplitude(self, c: Array) -> float:
-        return size(c)
 
 
 def curve(values: Array, low: float, high: float, knots: int) -> Array:

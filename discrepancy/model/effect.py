@@ -280,7 +280,7 @@ class EffectFamily:
 
         `changes` are quantity -> coefficient, its unit, and one of it in the unit of the quantity.
         """
-        times = change_times(t)
+        times = _thinned(_gaps(t))
         coefficients, units, ones = zip(*changes.values())
         return tuple(
             ChangePoint(
@@ -332,6 +332,11 @@ def size(c: Array) -> float:
     return float(c[0]) if len(c) == 1 else float(np.linalg.norm(c))
 
 
+def linear_shift(effect: Effect, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+    """Return the `shift` of an effect whose `basis` is the same at all coefficients."""
+    return {name: change @ c for name, change in effect.basis(q, data, c).items()}
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class LinearEffect:
@@ -366,8 +371,7 @@ class LinearEffect:
     whole: Effect | None = None
     span: float = math.nan
 
-    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        return {name: change @ c for name, change in self.changes(q, data).items()}
+    shift = linear_shift
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         return self.changes(q, data)
@@ -425,16 +429,10 @@ class ChangePoint:
         return size(np.asarray(c)[[unit == self.unit for unit in self.units]])
 
 
-def change_times(t: Array) -> Array:
-    """Return the times, at most `_PLACES`, between readings taken at `t`, (n,), s, at which a step is looked for."""
-    return _thinned(_gaps(t))
-
-
 def finer(effect: Effect, data: MeasuredData) -> tuple[Effect, ...]:
-    """Return `effect` at every time between its neighbouring places, at most `_PLACES`; () if it has no place."""
+    """Return `effect` at every place between its neighbours, of times at most `change_places`; () if it has none."""
     if not isinstance(effect, ChangePoint):
-        nearer = getattr(effect, "nearer", None)
-        return tuple(nearer(data)) if nearer else ()
+        return cast(tuple[Effect, ...], getattr(effect, "nearer", ()))
     gaps = _gaps(data[effect.clock])
     coarse = _thinned(gaps)
     k = int(np.argmin(np.abs(coarse - effect.at)))
@@ -445,7 +443,7 @@ def finer(effect: Effect, data: MeasuredData) -> tuple[Effect, ...]:
 
 
 def _gaps(t: Array) -> Array:
-    """Return the middle of every gap between two different times, without those near the ends of the run."""
+    """Return the middle of every gap between two different times of t, (n,), but of those near the ends of the run."""
     ordered = np.sort(t)
     edge = int(thresholds().change_edge * len(t))
     times = np.unique(ordered[edge : len(t) - edge])

@@ -23,7 +23,7 @@ from calibench.discrepancy.model.roles import columns_of, inputs_of, roles_of, w
 from calibench.discrepancy.registries import description_of, family_of
 from calibench.discrepancy.report import Amplitude, Caution, Coefficient, Doubt, Finding, Rival
 from calibench.discrepancy.search.form import forms_of
-from calibench.discrepancy.search.select import Option, spared, told_apart
+from calibench.discrepancy.search.select import Option, spared
 from calibench.discrepancy.search.standing import left_scale
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
@@ -48,7 +48,7 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     for o in options:
         exact = top.gain - o.gain - max(spared(o, top), t.form * top.gain)
         behind = o.behind if np.isfinite(o.behind) else exact
-        known[o.name] = float(np.exp(-max(0.0, told_apart(top, behind)) / 2))
+        known[o.name] = float(np.exp(-max(0.0, top.fit.noise.told_apart(behind, top.fit.degrees)) / 2))
     members = {o.name: (o.effect.family, o.effect.target) for o in options}
     for o in options:
         for twin in o.effect.twins:
@@ -84,23 +84,17 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
             spread = left_scale(o.fit) ** 2 * o.fit.covariance()[own, own]
             sizes[o.name] = amplitude_of(o.effect, o.fit.x[own], spread, o.fit.reach)
 
-    amplitude, numbers, period = _sizes(found, effect)
-    return Finding(
-        effect=best.name, family=effect.family, target=effect.target, amplitude=amplitude, gain=best.gain,
+    named = Finding(
+        effect=best.name, family=effect.family, target=effect.target, amplitude=Amplitude(), gain=best.gain,
         set=tuple(Rival(name, *members[name], weight / total, sizes.get(name)) for name, weight in ranked),
         separated_by=_separated_by([o for o in options if o.name in weights], found),
-        visible=found.noise.size_of(best.gain, len(found.r)), coefficients=numbers, period=period,
+        visible=found.noise.size_of(best.gain, len(found.r)),
     )  # fmt: skip
+    return with_sizes(named, effect, found)
 
 
 def with_sizes(finding: Finding, effect: Effect, found: Fit) -> Finding:
-    """Return a finding with the sizes that its `effect` has in another fit, as of more rows."""
-    amplitude, numbers, period = _sizes(found, effect)
-    return replace(finding, amplitude=amplitude, coefficients=numbers, period=period)
-
-
-def _sizes(found: Fit, effect: Effect) -> tuple[Amplitude, tuple[Coefficient, ...], float]:
-    """Return the size of an effect in a fit, its coefficients, and the period of its family or 0."""
+    """Return a finding with the size and the coefficients that its `effect` has in a fit, and its period or 0."""
     data = found.model.formulation.data
     # where form and formula are functions of the same argument, only their sum has a size: the formula nearest to both
     whole = np.zeros((len(effect.coefficients), len(found.x)))
@@ -125,7 +119,8 @@ def _sizes(found: Fit, effect: Effect) -> tuple[Amplitude, tuple[Coefficient, ..
     begins = getattr(effect, "begins", np.nan)
     if np.isfinite(begins):
         numbers.append(Coefficient(BEGINS, float(begins), getattr(effect, "begins_unit", ""), np.nan))
-    return amplitude_of(effect, c, spread, found.reach), tuple(numbers), period
+    amplitude = amplitude_of(effect, c, spread, found.reach)
+    return replace(finding, amplitude=amplitude, coefficients=tuple(numbers), period=period)
 
 
 def amplitude_of(effect: Effect, c: Array, spread: Array, reach: float) -> Amplitude:
@@ -161,15 +156,14 @@ def also_told_by(finding: Finding, found: Fit) -> tuple[str, ...]:
     [wave] = effect.shift(q, data, c).values()
     rivals = {rival.target for rival in finding.set}
     others = [u for u in dict.fromkeys(met) if u not in effect.columns and not any(u in target for target in rivals)]
-    return tuple(u for u in others if u in data and data[u].dtype.kind in "iuf" and _is_smooth_over(data[u], wave))
-
-
-def _is_smooth_over(column: Array, values: Array) -> bool:
-    """Tell whether a smooth curve over a column explains values (n,) but for what a formula may be off."""
-    u, t = np.asarray(column, dtype=float), thresholds()
-    terms = curve(u, float(u.min()), float(u.max()), min(t.curve_terms, len(np.unique(u))))
-    free, rest = len(u) - terms.shape[1], values - terms @ np.linalg.lstsq(terms, values, rcond=None)[0]
-    return bool(free > 0 and rest @ rest / free < t.formula_error * np.var(values))
+    told, t = [], thresholds()
+    for name in (name for name in others if name in data and data[name].dtype.kind in "iuf"):
+        u = np.asarray(data[name], dtype=float)
+        terms = curve(u, float(u.min()), float(u.max()), min(t.curve_terms, len(np.unique(u))))
+        free, rest = len(u) - terms.shape[1], wave - terms @ np.linalg.lstsq(terms, wave, rcond=None)[0]
+        if free > 0 and rest @ rest / free < t.formula_error * np.var(wave):
+            told.append(name)
+    return tuple(told)
 
 
 def _are_alike(one: Effect, other: Effect, found: Fit) -> bool:

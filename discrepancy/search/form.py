@@ -8,7 +8,7 @@ Real causes differ from a catalogue's formulas by a tenth or so: by a factor 1 +
 nearly all but the term with m, which a rival may fit better; so rivals are compared by likelihood with a random m.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import final
@@ -26,7 +26,7 @@ from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of, words_of
 from calibench.discrepancy.registries import description_of
-from calibench.discrepancy.search.select import Option, Tests, close, delta_bic, option, spared, told_apart
+from calibench.discrepancy.search.select import Option, Tests, close, delta_bic, option, spared
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -59,8 +59,8 @@ _SIGNS = 0.9  # mean product of two signs, from which on they are the same
 class Slow:
     """Slow functions of a covariate between `low` and `high`, less their `middle`, (m,): their mean.
 
-    With `moments` the covariate is a position at each of them. For an effect that is relative to home, home is zero,
-    and `middle` is the value there. `unsigned` ones are functions of the covariate without its sign.
+    With `along` the covariate is a position at each of its moments. For an effect that is relative to home, home is
+    zero, and `middle` is the value there. `unsigned` ones are functions of the covariate without its sign.
     """
 
     covariate: str
@@ -68,12 +68,12 @@ class Slow:
     low: float
     high: float
     middle: tuple[float, ...]
-    moments: Callable[[MeasuredData], Sequence[Moment]] | None = None
+    along: effects.Along | None = None
     unsigned: bool = False
 
     def acting(self, own: Mapping[str, Array], data: MeasuredData) -> Sequence[Moment]:
-        if self.moments is not None:
-            return self.moments(data)
+        if self.along is not None:
+            return self.along(data)[self.covariate]
         return [Moment(name, name, np.asarray(data[self.column], dtype=float)) for name in own]
 
     def waves(self, values: Array) -> Array:
@@ -106,15 +106,15 @@ class Modulated:
         of, by = self.of, ", ".join(slow.covariate for slow in self.over)
         numbers = [(slow.covariate, k) for slow in self.over for k in range(1, len(slow.middle) + 1)]
         vars(self).update(
-            acts_along=all(slow.moments is not None for slow in self.over), family=of.family,
+            acts_along=all(slow.along is not None for slow in self.over), family=of.family,
             target=f"{of.target} by {by}", formula=f"({of.formula}) times a slow function of {by}",
-            channel=of.channel, columns=(*of.columns, *(slow.column for slow in self.over if not slow.moments)),
+            channel=of.channel, columns=(*of.columns, *(slow.column for slow in self.over if not slow.along)),
             coefficients=tuple(f"{c} by {covariate} {k}" for covariate, k in numbers for c in of.coefficients),
             units=of.units * len(numbers), unit=of.unit,
         )  # fmt: skip
 
-    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        return {name: change @ c for name, change in self.basis(q, data, c).items()}
+    shift = effects.linear_shift
+    amplitude = staticmethod(effects.size)
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         own = self.of.basis(q, data, np.zeros(len(self.of.coefficients)))
@@ -143,9 +143,6 @@ class Modulated:
             moved = [product(slow.waves(one.at), own[one.of]) / scale[one.of] for one in acting]
             parts.append(np.asarray(np.linalg.lstsq(plain, np.concatenate(moved), rcond=None)[0]))
         return np.concatenate(parts, axis=1)
-
-    def amplitude(self, c: Array) -> float:
-        return effects.size(c)
 
 
 def unlike(current: Fit, picks: Sequence[Effect], known: Sequence[Effect], terms: Sequence[SmoothTerm], tests: Tests,
@@ -242,13 +239,8 @@ def slow_along(effect: Effect, data: MeasuredData, terms: int) -> tuple[Slow, ..
         if low < high:
             more = any(one.quantity != one.of for one in moments)  # at a moment than at home, where the formula holds
             middle = waves_over(np.zeros(1) if more else stands, low, high, terms).mean(axis=0)
-            numbers = tuple(middle.tolist())
-            found.append(Slow(covariate, covariate, low, high, numbers, partial(_moments, along, covariate)))
+            found.append(Slow(covariate, covariate, low, high, tuple(middle.tolist()), along))
     return tuple(found)
-
-
-def _moments(along: effects.Along, covariate: str, data: MeasuredData) -> Sequence[Moment]:
-    return along(data)[covariate]
 
 
 def product(waves: Array, change: Array) -> Array:
@@ -382,7 +374,7 @@ def _near_without_noise(
         lost = float(np.expm1((top.gain - o.gain) / count) / np.expm1(top.gain / count))
         rich = len(o.effect.coefficients) > MOST
         if o is not top and o.name in own and not rich and 0 <= lost < t.formula_error:
-            behind = min(told_apart(top, top.gain - o.gain), lost / t.form_off**2)
+            behind = min(top.fit.noise.told_apart(top.gain - o.gain, count), lost / t.form_off**2)
             kept.append(replace(o, behind=behind))
         elif o in plain:
             kept.append(o)
@@ -412,8 +404,8 @@ def _near_without_noise(
     smooth = shares({name: max(likelihoods.values()) - one for name, one in likelihoods.items()})
     far = {}
     for o in (o for o in kept if o.name in likelihoods):
-        behind = o.behind if np.isfinite(o.behind) else told_apart(top, top.gain - o.gain - spared(o, top))
-        far[o.name] = max(0.0, behind)
+        exact = top.fit.noise.told_apart(top.gain - o.gain - spared(o, top), count)
+        far[o.name] = max(0.0, o.behind if np.isfinite(o.behind) else exact)
     free = shares(far)
     both = {name: t.form_smooth * one + (1 - t.form_smooth) * free.get(name, 0.0) for name, one in smooth.items()}
     distance = {name: 2 * float(np.log(max(both.values()) / max(one, _TINY))) for name, one in both.items()}
@@ -541,7 +533,7 @@ def _slow_forms(o: Option, terms: int) -> list[Array]:
     for form in found:
         parts = []
         for slow in form.over:
-            at = np.linspace(slow.low, slow.high) if slow.moments else np.asarray(data[slow.column], dtype=float)
+            at = np.linspace(slow.low, slow.high) if slow.along else np.asarray(data[slow.column], dtype=float)
             spread = float(np.nanvar(slow.waves(at), axis=0).sum())
             parts.append(np.full(len(slow.middle) * k, np.sqrt(spread)))
         rms.append(np.concatenate(parts))

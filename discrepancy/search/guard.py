@@ -10,7 +10,7 @@ function. A likelihood counts the numbers that a function needs, so no error is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
@@ -147,7 +147,8 @@ def _doubt(
     at: Fit, terms: Sequence[SmoothTerm], named: Sequence[Effect], errors: Sequence[Effect], claims: int
 ) -> tuple[tuple[str, ...], bool]:
     """Return the columns of a smooth error that puts names in doubt, () for none, and whether it is instead of them."""
-    tried, own = accounts(at, terms, named, errors)
+    of = ("accounts", len(named), *map(name_of, (*named, *errors)), len(terms), at.x, at.r)
+    tried, own = kept_step(lambda: accounts(at, terms, named, errors), of)
     if not tried:
         return (), False
     t = thresholds()
@@ -188,13 +189,6 @@ def accounts(
 
     `errors` are names that may be the error of the form of these: what they explain is left to that.
     """
-    of = ("accounts", len(named), *map(name_of, (*named, *errors)), len(terms), at.x, at.r)
-    return kept_step(lambda: _accounts(at, terms, named, errors), of)
-
-
-def _accounts(
-    at: Fit, terms: Sequence[SmoothTerm], named: Sequence[Effect], errors: Sequence[Effect]
-) -> tuple[list[Account], Mapping[str, set[str]]]:
     fixed, at = (at.J, *named, *errors), thinned(at)
     part = _Part.of(at, named, errors)
     if part.degrees < _LEAST:
@@ -221,11 +215,18 @@ def _accounts(
             if left @ left < _OWN * (y @ y):
                 own[name_of(effect)].add(name)
     law = part.gain if np.isfinite(at.noise.t_degrees) else 0.0  # heavy tails are cut by their scale
-    sides = {name: _side(*of) for name, of in waves.items()}
+    sides = dict(waves)  # of each column the functions of which products with another column's are made
+    for name, (one, slow) in waves.items():
+        if slow.any():
+            sides[name] = np.insert(one[:, : _SIDE - 1], 0, 1.0, axis=1), np.insert(slow[: _SIDE - 1], 0, 0.0)
 
     def smooth(*names: str) -> list[list[_Error]]:
-        of = waves[names[0]] if len(names) == 1 else _of_both(*(sides[one] for one in names))
-        return part.errors(*of, len(names))
+        if len(names) == 1:
+            return part.errors(*waves[names[0]], 1)
+        (first, slow), (second, fast) = (sides[name] for name in names)
+        squares = (slow[:, None] ** 2 + fast**2).ravel()
+        some = squares > 0 if squares.any() else np.ones(len(squares), dtype=bool)
+        return part.errors(product(first, second)[:, some], np.sqrt(squares[some]), 2)
 
     def account(columns_of: Iterable[tuple[str, ...]]) -> list[Account]:
         known = {names: once(partial(smooth, *names), fixed, "errors", len(named), names, law) for names in columns_of}
@@ -235,31 +236,6 @@ def _accounts(
     best = sorted(tried, key=lambda one: -max(one.larger, one.alone))[:_TOP]
     met = {name for names in own.values() for name in names} | {one.columns[0] for one in best}
     return tried + account(pair for pair in combinations(columns, 2) if met & {*pair}), own
-
-
-def _side(waves: Array, frequencies: Array) -> tuple[Array, Array]:
-    """Return those functions of a column that products with another column's are made of, and their frequencies."""
-    if not frequencies.any():
-        return waves, frequencies
-    return np.insert(waves[:, : _SIDE - 1], 0, 1.0, axis=1), np.insert(frequencies[: _SIDE - 1], 0, 0.0)
-
-
-def _of_both(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return the functions of two columns, (n, m), and their frequencies, (m,)."""
-    (first, slow), (second, fast) = one, other
-    squares = (slow[:, None] ** 2 + fast**2).ravel()
-    some = squares > 0 if squares.any() else np.ones(len(squares), dtype=bool)
-    return product(first, second)[:, some], np.sqrt(squares[some])
-
-
-def _priors(frequencies: Array, over: int) -> Iterator[Array]:
-    """Yield relative variances of the weights of waves over some columns: smooth ones, and over one a walk."""
-    if not frequencies.any():
-        yield np.full(len(frequencies), 1 / len(frequencies))
-        return
-    walk = [frequencies**-2.0] if over == 1 else []
-    for shape in (*(np.exp(-0.5 * (frequencies * length) ** 2) for length in _LENGTHS), *walk):
-        yield shape / shape.sum()
 
 
 @final
@@ -308,7 +284,12 @@ class _Part:
             acting = []
             for name, basis in effect.basis(at.at.recorded, data, at.x[place]).items():
                 slope = np.asarray(at.at.slopes[name])
-                acting.append(next((k for k, other in enumerate(slopes) if _alike(slope, other)), len(slopes)))
+                square = np.sum(slope**2)
+                same = [  # but for a factor
+                    k for k, one in enumerate(slopes)
+                    if np.sum(slope * one) ** 2 > (1 - _SAME) * square * np.sum(one**2)
+                ]  # fmt: skip
+                acting.append(same[0] if same else len(slopes))
                 slopes += [slope] if acting[-1] == len(slopes) else []
                 changes += [(effect, np.asarray(basis) @ at.x[place])] if effect in named else []
             sets += [sorted({*acting})]
@@ -342,10 +323,15 @@ class _Part:
         sizes = [float(np.mean(one**2)) or 1.0 for one in raw]
         seen = [project_off(one, self.Q) for one in raw]
         squares, found = self.given.T @ self.given, []
+        # relative variances of the weights: of smooth functions, and over one column of a walk
+        shapes = [np.ones(len(frequencies))]
+        if frequencies.any():
+            walk = [frequencies**-2.0] if over == 1 else []
+            shapes = [*(np.exp(-0.5 * (frequencies * length) ** 2) for length in _LENGTHS), *walk]
         for acting in self.sets:
             A = np.concatenate([seen[j] for j in acting], axis=1)
             factor, z = _factor(A.T @ A, A.T @ self.given)
-            priors = (np.concatenate([prior / sizes[j] for j in acting]) for prior in _priors(frequencies, over))
+            priors = (np.concatenate([shape / shape.sum() / sizes[j] for j in acting]) for shape in shapes)
             found.append([_Error.of(factor, z, squares, one / len(acting), self.gain) for one in priors])
         return found
 
@@ -430,8 +416,3 @@ def _likely(errors: Sequence[_Error], sizes: Array, part: _Part) -> Array:
         noise = np.maximum(part.least, alone / part.degrees)
         found[order, place] = -0.5 * (part.degrees * np.log(noise) + alone / noise + wide)
     return found
-
-
-def _alike(one: Array, other: Array) -> bool:
-    """Return whether two slopes, (n, c) each, are the same but for a factor."""
-    return bool(np.sum(one * other) ** 2 > (1 - _SAME) * np.sum(one**2) * np.sum(other**2))

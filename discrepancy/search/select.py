@@ -249,13 +249,8 @@ def _refit(base: Fit, scored: score.Scored, on: score.ProjectedScores) -> Option
 def close(found: Sequence[Option]) -> tuple[Option, ...]:
     """Return the best option and those that come close to it."""
     top = max(found, key=lambda o: o.gain)
-    near = thresholds().close
-    return tuple(o for o in found if o is top or told_apart(top, top.gain - o.gain - spared(o, top)) < near)
-
-
-def told_apart(top: Option, behind: float) -> float:
-    """Return the significance of the distance `behind` of an option to the best one, where readings are very many."""
-    return top.fit.noise.told_apart(behind, top.fit.degrees)
+    noise, degrees, near = top.fit.noise, top.fit.degrees, thresholds().close
+    return tuple(o for o in found if o is top or noise.told_apart(top.gain - o.gain - spared(o, top), degrees) < near)
 
 
 def spared(o: Option, top: Option) -> float:

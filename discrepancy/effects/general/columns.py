@@ -81,12 +81,9 @@ class Cycle:
         """Return the height of the wave; infinite where its period is above `longest`, which no machine has."""
         return float(np.hypot(c[0], c[1])) if 0 < self.period(c) <= self.longest else np.inf
 
-    def nearer(self, data: MeasuredData) -> tuple[Effect, ...]:
-        """Return the same wave started from periods between those of its neighbours, the same values at each call."""
-        return self._between
-
     @cached_property
-    def _between(self) -> tuple[Effect, ...]:
+    def nearer(self) -> tuple[Effect, ...]:
+        """Return the same wave started from periods between those of its neighbours."""
         steps = (k / (_FINER * _PER_WIDTH * self.reach) for k in range(1 - _FINER, _FINER) if k)
         starts = (1 / self.start + step for step in steps)
         return tuple(replace(self, start=1 / start) for start in starts if start > 0)
