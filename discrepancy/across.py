@@ -14,7 +14,6 @@ import numpy as np
 from scipy.special import chdtrc, ndtri
 
 from calibench.core.process import one_thread
-from calibench.discrepancy.checks.validate import listen
 from calibench.discrepancy.diagnostics.score import projected_scores, score_all
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import PLACE, Fit, fit, orthonormal, project_off
@@ -182,7 +181,7 @@ def _refitted(expected: Sequence[_Expected], base: Fit, of_run: Sequence[Effect]
 
 
 def _in_another(findings: Sequence[Finding], first: Fit, machine: Machine, other: MeasuredData) -> list[Carried]:
-    whole = in_order(machine, listen(other)[0])
+    whole = in_order(machine, other)
     fitted = calibrated(whole, searched(whole.data, np.ones(len(whole.data), dtype=bool)))
     base, known = fitted.base, catalogue(fitted.whole)
     rows: list[Carried] = []

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calibench.core.notes import Code, Note
 from calibench.core.process import one_thread
 from calibench.discrepancy import report as reports
-from calibench.discrepancy.checks.validate import listen, refuse_unused, validate
+from calibench.discrepancy.checks.validate import Asked, refuse_unused, validate
 from calibench.discrepancy.diagnostics.far_readings import Pattern, Standing, standing_out
 from calibench.discrepancy.diagnostics.noise import (
     beside_outlying,
@@ -43,7 +43,6 @@ from calibench.discrepancy.fitting.rank import Held, Undetermined, determined, s
 from calibench.discrepancy.formula import with_formula
 from calibench.discrepancy.labels import quantity_of
 from calibench.discrepancy.model.effect import Catalogue, Effect, has_free_period
-from calibench.discrepancy.model.formulations import remarks_of
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured import MeasuredData, blamable
 from calibench.discrepancy.model.model import Model
@@ -97,7 +96,8 @@ def explain(
 
 def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) -> reports.Report:
     began, rng = time.process_time(), np.random.default_rng(seed)
-    data, asked = listen(data)
+    asked = Asked(data.metadata)
+    data = replace(data, metadata=asked)
     whole = in_order(machine, data)
     split = np.asarray(whole.data["split"]) if whole.data.has("split") else np.full(len(whole.data), "train")
     hold = ~searched(whole.data, split != "hold")
@@ -200,7 +200,8 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
             note = Note(Code.NOISE_UNSTATED, text, note.columns)
         of_data.append(note)
     held = [u.note(parameters[u.name]) for u in lacking]
-    given = (*held, *first.notes_of_fit, *of_data, *first.misstated, *notes_of_noise, *remarks_of(whole))
+    at_end = getattr(whole, "at_end", None)  # of `Predicted`: what it has to say when the search is done
+    given = (*held, *first.notes_of_fit, *of_data, *first.misstated, *notes_of_noise, *(at_end() if at_end else ()))
     names, sd = [p.name for p in base.model.formulation.parameters], spread(sized or final, lacking)
     changes = {
         n: reports.ParameterChange(float(base.x[k]), float(final.x[k]), float(sd[k])) for k, n in enumerate(names)

@@ -6,7 +6,7 @@ of these made the error of the other poses larger; from 45 poses and more it was
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import final
 
@@ -67,12 +67,13 @@ def notes_of(search: Search, given: Iterable[Note]) -> tuple[Note, ...]:
     notes: list[Note] = []
     formulation, parameters = search.base.model.formulation, search.final.model.formulation.parameters
     ends = {p.name: float(search.final.x[k]) for k, p in enumerate(parameters)}
-    if out := outside_bounds(parameters, ends):
+    out, where = outside_bounds(parameters, ends)
+    if out:
         text = (
-            f"{bounds_in_words(out, ends)}: the fit is free of bounds, and found the machine elsewhere than its owner "
+            f"{where}: the fit is free of bounds, and found the machine elsewhere than its owner "
             "did; are the units, the start, and the bounds right?"
         )
-        notes.append(Note(Code.OUTSIDE_BOUNDS, text, values={p.name: ends[p.name] for p in out}))
+        notes.append(Note(Code.OUTSIDE_BOUNDS, text, values={name: ends[name] for name in out}))
     lost = search.verdict == "unknown" and search.gap.train_before > _FAR_OFF  # noise alone does not cause that
     if lost and as_far_as_shuffled(formulation, search.base.x):
         text = (
@@ -107,25 +108,21 @@ def notes_of(search: Search, given: Iterable[Note]) -> tuple[Note, ...]:
     return tuple(notes)
 
 
-def bounds_in_words(out: Sequence[Parameter], ends: Mapping[str, float]) -> str:
-    """Return where parameters end, and their bounds; of many only the first have numbers, as a table has them all."""
-    first, others = (out[:_SHOWN], out[_SHOWN:]) if len(out) > _SHOWN + 1 else (out, ())
+def outside_bounds(parameters: Iterable[Parameter], ends: Mapping[str, float]) -> tuple[tuple[str, ...], str]:
+    """Return the names of the parameters that end outside their bounds, the furthest first, and where, in words.
+
+    Of many only the first have numbers, as a table has them all.
+    """
+    beyond = {}  # in widths of their box
+    for p in parameters:
+        at = ends.get(p.name, p.lower)
+        beyond[p] = max(p.lower - at, at - p.upper) / max(p.upper - p.lower, _NARROW)
+    out = sorted((p for p in beyond if beyond[p] > 0), key=lambda p: -beyond[p])
+    first, others = (out[:_SHOWN], out[_SHOWN:]) if len(out) > _SHOWN + 1 else (out, [])
     shown = [f"{p.name} ends at {ends[p.name]:.6g} {p.unit}, outside {p.lower:g} to {p.upper:g}" for p in first]
     if others:
         shown.append(f"outside theirs are {len(others)} more: {', '.join(p.name for p in others)}")
-    return "; ".join(shown)
-
-
-def outside_bounds(parameters: Iterable[Parameter], ends: Mapping[str, float]) -> tuple[Parameter, ...]:
-    """Return the parameters that end outside their bounds, those first that are furthest in widths of their box."""
-
-    out = []
-    for p in parameters:
-        at = ends.get(p.name, p.lower)
-        beyond = max(p.lower - at, at - p.upper) / max(p.upper - p.lower, _NARROW)
-        if beyond > 0:
-            out.append((beyond, p))
-    return tuple(p for _, p in sorted(out, key=lambda one: -one[0]))
+    return tuple(p.name for p in out), "; ".join(shown)
 
 
 def _told_of(formulation: Formulation, row: int) -> tuple[str, tuple[str, ...], tuple[str, ...]]:

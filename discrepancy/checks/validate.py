@@ -164,11 +164,6 @@ class Asked(dict[str, Any]):
         return super().__iter__()
 
 
-def listen(data: MeasuredData) -> tuple[MeasuredData, Asked]:
-    asked = Asked(data.metadata)
-    return replace(data, metadata=asked), asked
-
-
 def refuse_unused(machine: str, data: MeasuredData, asked: Asked) -> None:
     """Raise `DataError` for a key that was stated beside the file and that neither the machine nor its effects read."""
     stated = description_of(machine).stated

@@ -437,10 +437,6 @@ class _Search:
             self.weights[quantity] = white, np.einsum("nc,nc->n", white, white) if self.apart else None
         return self.weights[quantity]
 
-    def column_of(self, term: Term) -> Array:
-        """Return the whitened signature of a unit of each size of a term, (N, k)."""
-        return signatures(self.fit, {term.quantity: products(map(self.value, term.atoms))})
-
     def scan(
         self, on: ProjectedScores, quantity: str, blocks: Iterable[tuple[Array, int]], extra: Array | None = None
     ) -> tuple[Array, Array, Array]:
@@ -557,13 +553,10 @@ class _Search:
             and not (a.unit == "rad" and a.shape in ("sin", "cos", "wave") and a.number == round(a.number))
             for term in terms for a in term.atoms
         )  # fmt: skip
-        paid = numbers * np.log(len(on.y)) + self.place_of(terms)
+        # its place in the list of all formulas as long
+        paid = numbers * np.log(len(on.y)) + sum(2 * np.log(self.count[len(term.atoms) - 1]) for term in terms)
         paid += sum(_OUTSIDE for term in terms if term.quantity in self.outside)
         return self.gain(self.first, T, rank) - float(paid)
-
-    def place_of(self, terms: Sequence[Term]) -> float:
-        """Return what the place of some terms in the list of all costs, in twice the log-likelihood."""
-        return float(sum(2 * np.log(self.count[len(term.atoms) - 1]) for term in terms))
 
     def gain(self, on: ProjectedScores, T: float, rank: int) -> float:
         """Return twice the log-likelihood that T of the scores brings; the rest is noise, of variance 1 at least.
@@ -615,7 +608,8 @@ class _Search:
         return list(unique.values()), p
 
     def _step_worth(self, T: float, rank: int, term: Term, on: ProjectedScores) -> float:
-        return self.gain(on, T, rank) - rank * float(np.log(len(on.y))) - self.place_of((term,))
+        place = 2 * float(np.log(self.count[len(term.atoms) - 1]))
+        return self.gain(on, T, rank) - rank * float(np.log(len(on.y))) - place
 
     def _refined(self, on: ProjectedScores, term: Term, before: tuple[Term, ...]) -> list[_Found]:
         """Return the best terms over the same columns, whatever their shapes, their numbers refined."""
@@ -691,7 +685,8 @@ class _Search:
         first = self.first
         if not terms:
             return first, 0.0, 0
-        D = np.concatenate([self.column_of(term) for term in terms], axis=1)
+        each = ({term.quantity: products(map(self.value, term.atoms))} for term in terms)
+        D = np.concatenate([signatures(self.fit, change) for change in each], axis=1)
         size = np.sqrt((D**2).sum(axis=0))
         left = D / np.where(size > 0, size, 1.0)
         for _ in range(2):

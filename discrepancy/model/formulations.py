@@ -190,14 +190,6 @@ def refuse_twice(columns: Sequence[str], held: Mapping[str, float], parameters: 
 
 
 OfRows = tuple[Callable[[Quantities], Numbers], Callable[[Quantities], dict[str, Array]]]
-
-
-def remarks_of(formulation: Formulation) -> tuple[Note, ...]:
-    """Return what a formulation has to say when the search is done; () for most."""
-    at_end: Callable[[], tuple[Note, ...]] | None = getattr(formulation, "at_end", None)
-    return () if at_end is None else at_end()
-
-
 Stated = float | str | None  # a standard deviation, the column that holds it, or unknown
 
 
@@ -427,13 +419,15 @@ class Blocks:
 
     def constraints(self, q: Quantities) -> Numbers:
         parts = [(rows, np.asarray(block.constraints(_of(block, q, rows)))) for block, rows in self._filled()]
-        whole = np.zeros((len(self.data), self._width()), dtype=np.result_type(*(value for _, value in parts), float))
+        whole = np.zeros(
+            (len(self.data), _width(self.blocks[0])), dtype=np.result_type(*(value for _, value in parts), float)
+        )
         for rows, value in parts:
             whole[rows] = value
         return whole
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
-        width = self._width()
+        width = _width(self.blocks[0])
         found = {name: np.zeros((len(self.data), width)) for name in q}
         for block, rows in self._filled():
             for name, slope in block.slopes(_of(block, q, rows)).items():
@@ -489,10 +483,6 @@ class Blocks:
         each = ((block, np.asarray(self.data[BLOCK] == k)) for k, block in enumerate(self.blocks))
         return [(block, rows) for block, rows in each if rows.any()]
 
-    def _width(self) -> int:
-        block = self.blocks[0]
-        return len(block.readings) if isinstance(block, Predicted) else _width(block)
-
 
 def _of(block: Formulation, q: Quantities, rows: Mask) -> dict[str, Numbers]:
     known = {*(p.name for p in block.parameters), *block.fixed, *block.readings, *inputs_of(block)}
@@ -500,6 +490,9 @@ def _of(block: Formulation, q: Quantities, rows: Mask) -> dict[str, Numbers]:
 
 
 def _width(block: Formulation) -> int:
+    """Return the number of constraints a row."""
+    if isinstance(block, Predicted):
+        return len(block.readings)
     few = block.on(block.data.rows(np.arange(len(block.data)) < 1))
     return int(few.constraints(Model(few).quantities()[0]).shape[1])
 

@@ -255,11 +255,8 @@ class _Part:
     changes: Sequence[tuple[Effect, Array]]
     white: Whitener
     gain: float
+    degrees: int
     least: float  # variance of the noise
-
-    @property
-    def degrees(self) -> int:
-        return int(len(self.given) - self.Q.shape[1])
 
     @classmethod
     def of(cls, at: Fit, named: Sequence[Effect], errors: Sequence[Effect]) -> _Part:
@@ -300,7 +297,7 @@ class _Part:
             given=np.column_stack([y, shown]), Q=Q, slopes=slopes,
             sets=[list(one) for one in dict.fromkeys(map(tuple, every))],
             off=float(np.sqrt(thresholds().formula_error * np.mean(sum(signs) ** 2))), changes=changes,
-            white=at.at.whiten, gain=gain, least=0.0 if at.noise.profiled else 1.0,
+            white=at.at.whiten, gain=gain, degrees=len(y) - Q.shape[1], least=0.0 if at.noise.profiled else 1.0,
         )  # fmt: skip
 
     def accounts(self, tried: Mapping[tuple[str, ...], Sequence[Sequence[_Error]]]) -> list[Account]:

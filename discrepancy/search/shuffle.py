@@ -8,10 +8,11 @@ stretch of the joint's way: the side from which a joint comes goes with where it
 not count for play. The readings of a visit stay together. A walk of the zero, which has an order, passes.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Any, final
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import islice
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,6 @@ from calibench.discrepancy.diagnostics import score
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.model.effect import Effect, LinearEffect, has_free_period, name_of, still_open
 from calibench.discrepancy.model.machine import Formulation
-from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import inputs_of, roles_of
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.report import Shuffled
@@ -64,8 +64,8 @@ def shuffled(at: Fit, effect: Effect, beside: Effect, family: Sequence[Effect]) 
     if not columns:
         return None
     t, rng = thresholds(), np.random.default_rng(0)
-    classes = _alike(effect, formulation)
-    sizes = np.bincount(classes.of)
+    visits, classes = _alike(effect, formulation)
+    sizes = np.bincount(classes)
     if sizes[sizes > 1].sum() < _FEWEST:
         return None
     # without `beside` and its forms, to first order; only residuals and Jacobian are meant
@@ -78,14 +78,15 @@ def shuffled(at: Fit, effect: Effect, beside: Effect, family: Sequence[Effect]) 
     each = len(effect.coefficients) <= _NUMBERS and len(on.y) < t.drawn_rows
     each = each and at.at.whiten.band is None and formulation.decorrelate(rows) is rows
     if each:
-        source = classes.draw(np.random.default_rng(1))
+        source = next(_draws(visits, classes, np.random.default_rng(1)))
         zero = np.zeros(len(effect.coefficients))
         kept = effect.basis(at.at.recorded, data, zero)
-        moved = effect.basis(at.at.recorded, _moved(data, columns, source), zero)
+        other = data.with_columns({name: np.asarray(data[name])[source] for name in columns})
+        moved = effect.basis(at.at.recorded, other, zero)
         each = all(np.allclose(np.asarray(kept[name])[source], moved[name]) for name in kept)
     rivals = [e for e in family if len(e.coefficients) <= _NUMBERS and order_of(e, formulation)[1]] if each else []
     gains = _Sums(at, on, [effect, *rivals]).gains if each else partial(_gains_of_one, at, on, effect, columns)
-    sources = np.stack([np.arange(len(data)), *(classes.draw(rng) for _ in range(t.shuffles))])
+    sources = np.stack([np.arange(len(data)), *islice(_draws(visits, classes, rng), t.shuffles)])
     blocks = np.array_split(sources, range(1, len(sources), _AT_ONCE if each else 1))
     own, more, times = gains(blocks[0])[0, 0], 0, 0
     for found in (one for block in blocks[1:] for one in gains(block)):
@@ -96,61 +97,43 @@ def shuffled(at: Fit, effect: Effect, beside: Effect, family: Sequence[Effect]) 
     return Shuffled(word, more, times, (more + 1) / (times + 1))
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _Classes:
-    """Visits, by the rows of each, and the class of rows that are alike to which each visit belongs, (v,)."""
-
-    rows: tuple[Rows, ...]
-    of: Rows
-
-    @cached_property
-    def _places(self) -> tuple[Rows, Rows, Rows, Rows]:
-        """Return the rows of all visits, of each the last again and again, (v, m), and of a row its visit and place.
-
-        The last are the visits by their class.
-        """
-        lengths = np.array([*map(len, self.rows)])
-        place = np.minimum(np.arange(lengths.max()), lengths[:, None] - 1)
-        filled = np.concatenate(self.rows)[np.cumsum([0, *lengths[:-1]])[:, None] + place]
-        visit, within = np.empty((2, lengths.sum()), dtype=int)
-        visit[filled], within[filled] = np.arange(len(lengths))[:, None], place
-        return filled, visit, within, np.argsort(self.of, kind="stable")
-
-    def draw(self, rng: np.random.Generator) -> Rows:
-        """Return for each row the row whose order it gets, (n,)."""
-        filled, visit, within, place = self._places
-        other = np.empty(len(self.of), dtype=int)
-        other[place] = np.lexsort((rng.random(len(self.of)), self.of))
-        return np.asarray(filled[other[visit], within])
+def _draws(visits: Sequence[Rows], classes: Rows, rng: np.random.Generator) -> Iterator[Rows]:
+    """Yield again and again for each row the row whose order it gets, (n,); visits of one class change places."""
+    # the rows of each visit, the last again and again, (v, m), and of a row its visit and its place there
+    lengths = np.array([*map(len, visits)])
+    place = np.minimum(np.arange(lengths.max()), lengths[:, None] - 1)
+    filled = np.concatenate(visits)[np.cumsum([0, *lengths[:-1]])[:, None] + place]
+    visit, within = np.empty((2, lengths.sum()), dtype=int)
+    visit[filled], within[filled] = np.arange(len(lengths))[:, None], place
+    by_class, other = np.argsort(classes, kind="stable"), np.empty(len(classes), dtype=int)
+    while True:
+        other[by_class] = np.lexsort((rng.random(len(classes)), classes))
+        yield np.asarray(filled[other[visit], within])
 
 
-def _alike(effect: Effect, formulation: Formulation) -> _Classes:
+def _alike(effect: Effect, formulation: Formulation) -> tuple[Sequence[Rows], Rows]:
+    """Return the rows of each visit, and the class of rows that are alike to which each visit belongs, (v,)."""
     data = formulation.data
     n = len(data)
     visit = np.unique(data["visit_id"], return_inverse=True)[1] if data.has("visit_id") else np.arange(n)
     order = np.argsort(visit, kind="stable")
-    rows = tuple(np.split(order, np.flatnonzero(np.diff(visit[order])) + 1))
+    rows = np.split(order, np.flatnonzero(np.diff(visit[order])) + 1)
     first = np.array([own[0] for own in rows])
     if data.has("pose_id"):
         pose = np.unique(np.asarray(data["pose_id"])[first], return_inverse=True)[1]
         again = np.bincount(pose)[pose] > 1
         if again.mean() >= _REVISITED:
-            return _Classes(rows, pose)
+            return rows, pose
     met = set(effect.columns)
     joints = [
         j for j in roles_of(formulation).joints if j.name == effect.target or met & {j.direction, j.velocity} - {""}
     ]
     stretches = min(_STRETCHES, len(first) // _EACH)
     if len(joints) != 1 or joints[0].reading not in data or stretches < 2:
-        return _Classes(rows, np.zeros(len(first), dtype=int))
+        return rows, np.zeros(len(first), dtype=int)
     stands = np.asarray(data[joints[0].reading], dtype=float)[first]
     ends = np.quantile(stands, np.linspace(0, 1, stretches + 1)[1:-1])
-    return _Classes(rows, np.searchsorted(ends, stands))
-
-
-def _moved(data: MeasuredData, columns: Sequence[str], source: Rows) -> MeasuredData:
-    return data.with_columns({name: np.asarray(data[name])[source] for name in columns})
+    return rows, np.searchsorted(ends, stands)
 
 
 class _Sums:
@@ -199,11 +182,13 @@ class _Sums:
 
 def _gains_of_one(at: Fit, on: score.ProjectedScores, effect: Effect, columns: Sequence[str], sources: Rows) -> Array:
     """Return the linear gain, (1, 1), of an effect of any kind with its `columns` taken from the one of `sources`."""
-    zero = np.zeros(len(effect.coefficients))
+    zero, source = np.zeros(len(effect.coefficients)), sources[0]
     other = LinearEffect(
         effect.family, effect.target, effect.formula, effect.channel, columns=effect.columns,
         coefficients=effect.coefficients, units=effect.units, unit=effect.unit,
-        changes=lambda q, data: effect.basis(q, _moved(data, columns, sources[0]), zero), measure=effect.amplitude,
+        changes=lambda q, data: effect.basis(
+            q, data.with_columns({name: np.asarray(data[name])[source] for name in columns}), zero
+        ), measure=effect.amplitude,
     )  # fmt: skip
     [(found, _)] = score.score_all(at, on, [other])
     return np.array([[on.gain(found.T, found.m) - penalty(effect, found.m, len(on.y)) if found.m else -np.inf]])

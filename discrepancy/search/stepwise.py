@@ -249,12 +249,8 @@ def _settled(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept
     for two in weakest:  # in the place of each of these pairs, the pair that explains most
         others = [e for e in own if e not in two]
         # the fit without the two, to first order
-        gone, place = {name_of(e) for e in two}, len(at.model.formulation.parameters)
-        out: list[int] = []
-        for effect in at.model.effects:
-            end = place + len(effect.coefficients)
-            out += range(place, end) if name_of(effect) in gone else []
-            place = end
+        gone, every = {name_of(e) for e in two}, np.arange(len(at.x))
+        out = np.concatenate([every[at.model.place_of(e)] for e in at.model.effects if name_of(e) in gone])
         on = score.projected_scores(replace(at, r=at.r - at.J[:, out] @ at.x[out], J=np.delete(at.J, out, axis=1)))
         new = still_open(candidates, {name_of(e) for e in others})
         scored = [(s, U) for s, U in score.score_all(at, on, [*two, *new], bases=True) if s.m]

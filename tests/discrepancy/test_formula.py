@@ -14,6 +14,8 @@ from benchmarks.blind.gpm2002.simulate import case
 from benchmarks.formulas.machines import case as formula_case
 from calibench.bench.discovery.page.words import formula_sentences, gap_sentence, headline
 from calibench.discrepancy import Constraints, Joint, MeasuredData, Roles, explain
+from calibench.discrepancy.diagnostics.score import signatures
+from calibench.discrepancy.diagnostics.smooth_term import products
 from calibench.discrepancy.fitting.fit import fit, thinned
 from calibench.discrepancy.formula.effect import FormulaEffect
 from calibench.discrepancy.formula.grammar import Atom, Run, Term, lag, play, side, slip
@@ -220,7 +222,8 @@ def test_terms_explain_what_their_whitened_columns_do_however_noise_is_carried_o
     T, ranks, _ = search.everything(on, rng.standard_normal((len(on.y), 3)))[quantity]
     assert search._weights(quantity)[0].size == at.at.misclosure.size  # no matrix of rows by rows
     for k in rng.choice(len(search.own[quantity]), 40, replace=False):
-        column = search.column_of(Term(quantity, search.products[search.own[quantity][k]]))[:, 0]
+        value = products(map(search.value, search.products[search.own[quantity][k]]))
+        column = signatures(at, {quantity: value})[:, 0]
         left = column - on.Q @ (on.Q.T @ column)
         assert T[k] == pytest.approx((left @ on.y) ** 2 / (left @ left) if ranks[k] else 0.0, rel=1e-6)
 

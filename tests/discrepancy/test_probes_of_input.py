@@ -21,7 +21,7 @@ from calibench.discrepancy.machines.gpm2002.description import planned
 from calibench.discrepancy.machines.orthoglide.kinematics import printed
 from calibench.discrepancy.noise.repeats import pairs_of
 from calibench.discrepancy.registries import machines
-from calibench.discrepancy.remarks import bounds_in_words, outside_bounds
+from calibench.discrepancy.remarks import outside_bounds
 from calibench.problems.base import Parameter
 from tests.discrepancy import arm
 from tests.discrepancy.arm import Arm, readings
@@ -483,13 +483,12 @@ def test_what_an_own_machine_reads_may_be_stated() -> None:
 def test_of_many_parameters_outside_their_bounds_the_furthest_have_their_numbers() -> None:
     parameters = [Parameter(f"p{k}", "mm", 0.0, -1.0, 1.0) for k in range(15)]
     ends = {p.name: 0.5 + k for k, p in enumerate(parameters)}
-    out = outside_bounds(parameters, ends)
-    assert [p.name for p in out] == [f"p{k}" for k in range(14, 0, -1)]
-    shown = bounds_in_words(out, ends)
+    out, shown = outside_bounds(parameters, ends)
+    assert out == tuple(f"p{k}" for k in range(14, 0, -1))
     assert shown.startswith("p14 ends at 14.5 mm, outside -1 to 1; p13 ends at 13.5 mm")
     assert shown.count(" mm") == 3
     assert "; outside theirs are 11 more: p11, p10," in shown
-    assert bounds_in_words(outside_bounds(parameters[:5], ends), ends).count(" mm") == 4
+    assert outside_bounds(parameters[:5], ends)[1].count(" mm") == 4
 
 
 def test_a_parameter_that_ends_outside_its_bounds_is_told_first(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ from calibench.discrepancy.registries import machines
 from calibench.discrepancy.report import Shuffled
 from calibench.discrepancy.search import stepwise
 from calibench.discrepancy.search.select import Option, fit_with, run_tests
-from calibench.discrepancy.search.shuffle import _Classes, shuffled
+from calibench.discrepancy.search.shuffle import _draws, shuffled
 from calibench.discrepancy.search.standing import left_scale
 from calibench.problems.base import Array
 from tests.discrepancy.empty_runs import empty_run
@@ -108,7 +108,7 @@ def test_a_shuffle_exchanges_whole_visits_of_one_class() -> None:
     visits = [np.array(rows) for rows in ([4, 5], [0, 1, 2], [3], [6, 7, 8, 9])]  # each in the order of reading
     kinds = np.array([1, 0, 0, 1])
     for seed in range(20):
-        source = _Classes(tuple(visits), kinds).draw(np.random.default_rng(seed))
+        source = next(_draws(visits, kinds, np.random.default_rng(seed)))
         taken = [next(k for k, own in enumerate(visits) if source[to[0]] in own) for to in visits]
         assert sorted(taken) == [0, 1, 2, 3]
         assert (kinds[taken] == kinds).all()

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, final
 
 import numpy as np
 
-from calibench.bench.discovery.page.words import compared, floor_holds_the_gap, in_small_units, largest, noise_words
+from calibench.bench.discovery.page.words import compared, floor_holds_the_gap, in_small_units, noise_words
 from calibench.core.tables.cells import between
 from calibench.core.words import plain
 from calibench.discrepancy.diagnostics.noise import outliers_under
@@ -69,7 +69,7 @@ def _outliers(report: Report, finding: Finding) -> tuple[Any, ...]:
     encoder, data = sensor.column, fit.model.formulation.data
     label = sensor.label or quantity_label(report.machine, encoder)
     error, weight = error_of(encoder, fit)
-    factor, unit = in_small_units(sensor.unit, largest(error))
+    factor, unit = in_small_units(sensor.unit, error)
     timed = data.has("t_s")
     at = np.asarray(data["t_s"] if timed else np.arange(len(data)), dtype=float)
     outlying = outliers_under(fit.model, fit.x, finding.target).weights > 0.5
@@ -188,7 +188,7 @@ def _residuals(implied: Implied, period: float) -> Residuals:
     if joint is not None:  # it declares in what its errors are drawn
         factor, unit = between(quantity, joint.unit, joint.told), joint.told
     else:
-        factor, unit = in_small_units(unit_of(quantity), largest(implied.before))
+        factor, unit = in_small_units(unit_of(quantity), implied.before)
     if column is None:
         values = factor * (implied.before - implied.after)
         label, own = "what the effect changes of it", unit

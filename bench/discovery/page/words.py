@@ -10,7 +10,7 @@ from dataclasses import replace
 from math import ceil, degrees, floor, isfinite, isnan, log10, pi
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from calibench.core.notes import Code, Note
 from calibench.core.tables.columns import ANY
@@ -559,23 +559,17 @@ def amount(value: float, unit: str, interval: tuple[float, float] | None = None)
     return f"{shown} (95 %: {low} to {high} {name}".rstrip() + (f"; {in_degrees})" if in_degrees else ")")
 
 
-def in_small_units(unit: str, size: float) -> tuple[float, str]:
-    """Return the factor and the name of the unit in which errors are drawn whose largest is `size`.
+def in_small_units(unit: str, errors: ArrayLike) -> tuple[float, str]:
+    """Return the factor and the name of the unit in which `errors`, one or more, are drawn.
 
     It is the usual one, or of smaller errors the first in which the largest has at least a tenth before the point.
 
-    >>> in_small_units("rad", 2e-3), in_small_units("mm", 1e-5), in_small_units("mm", 0.0), in_small_units("K", 1e-9)
+    >>> in_small_units("rad", 2e-3), in_small_units("mm", [1e-5]), in_small_units("mm", 0.0), in_small_units("K", 1e-9)
     ((1000.0, 'mrad'), (1000000.0, 'nm'), (1000.0, 'µm'), (1.0, 'K'))
     """
-    steps = _DRAWN.get(unit, ((1.0, unit),))
-    if not (isfinite(size) and size > 0):
-        return steps[0]
-    return next((step for step in steps if size * step[0] >= 0.1), steps[-1])
-
-
-def largest(errors: NDArray[np.float64]) -> float:
-    sizes = np.abs(np.asarray(errors, dtype=float))
-    return float(np.max(sizes, where=np.isfinite(sizes), initial=0.0))
+    steps, sizes = _DRAWN.get(unit, ((1.0, unit),)), np.abs(np.asarray(errors, dtype=float))
+    largest = float(np.max(sizes, where=np.isfinite(sizes), initial=0.0))
+    return next((step for step in steps if largest * step[0] >= 0.1), steps[-1] if largest else steps[0])
 
 
 def share(fraction: float) -> str:

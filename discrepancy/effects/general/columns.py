@@ -24,6 +24,7 @@ from calibench.discrepancy.model.roles import roles_of
 from calibench.problems.base import Array
 
 _DEGREES = ("line", "bend", "turn")
+_EVEN = np.linspace(-1.0, 1.0, 65)  # places over a range
 ORDINALS = ("", "second ", "third ", "fourth ")
 _ANY = float(np.finfo(float).max)  # the largest finite size
 _PER_WIDTH = 2  # periods tried for each one that the run can resolve
@@ -146,15 +147,18 @@ def _polynomial(family: EffectFamily, formulation: Formulation, target: str) -> 
     def terms(s: Array, degree: int) -> Array:
         return np.stack([s, 2 * s**2 - 1, 4 * s**3 - 3 * s], axis=-1)[:, :degree]
 
-    def measure(c: Array) -> float:
-        """Return the rise of a line with its sign, the range of a curve over the run."""
-        return 2 * float(c[0]) if len(c) == 1 else float(np.ptp(terms(np.linspace(-1, 1, 65), len(c)) @ c))
-
     def changes(degree: int, q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {measured: -terms((np.asarray(data[column], float) - middle) / half, degree)}
 
     units = [dict.fromkeys(_DEGREES[:degree], unit) for degree in (1, 2, 3)]
-    return tuple(family.linear(target, (column,), each, partial(changes, len(each)), measure=measure) for each in units)
+    return tuple(
+        family.linear(
+            target, (column,), each, partial(changes, len(each)),
+            # the rise of a line with its sign, the range of a curve over the run
+            measure=lambda c: 2 * float(c[0]) if len(c) == 1 else float(np.ptp(terms(_EVEN, len(c)) @ c)),
+        )
+        for each in units
+    )  # fmt: skip
 
 
 def _targets(
@@ -302,18 +306,18 @@ def _drift(family: EffectFamily, formulation: Formulation, target: str) -> Built
     origin, span = float(formulation.data[clock].min()), float(np.ptp(formulation.data[clock]))
     unit, one = told_in(joint)
 
-    def measure(c: Array) -> float:
-        """Return the range over the run, with the sign of its end where it is even."""
-        return float(c[0]) if len(c) == 1 else float(np.ptp(_COURSE[:, : len(c)] @ c))
-
     def changes(count: int, q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {joint.reading: one * run_terms((data[clock] - origin) / span)[:, :count]}
 
     units, largest = [dict.fromkeys(_TERMS[:k], unit) for k in (1, 2, 3)], largest_error(joint) / one
     return tuple(
-        family.linear(target, (clock,), each, partial(changes, len(each)), measure=measure, largest=largest)
+        family.linear(
+            target, (clock,), each, partial(changes, len(each)), largest=largest,
+            # the range over the run, with the sign of its end where it is even
+            measure=lambda c: float(c[0]) if len(c) == 1 else float(np.ptp(_COURSE[:, : len(c)] @ c)),
+        )
         for each in units
-    )
+    )  # fmt: skip
 
 
 def _frame_drift(family: EffectFamily, formulation: Formulation, target: str) -> Built:

@@ -63,11 +63,6 @@ def _over(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     )
 
 
-def _parameters_over(formulation: Formulation) -> tuple[str, ...]:
-    roles = roles_of(formulation)
-    return tuple(f"{p} over {c}" for p in roles.parameters for c in drifts_of(roles))
-
-
 FAMILIES = (
     columns.power.enter("simulator"),
     of_joints(
@@ -84,7 +79,8 @@ FAMILIES = (
     recipe(
         "parameter_over", "A parameter is another one where a column is", "p += c u / max|u|, u from its mean or 0",
         channel="link", columns=("the column",), unit="that of the parameter", targets="parameters over columns",
-        targets_in=_parameters_over, make=_over, label="change",
+        targets_in=lambda f: tuple(f"{p} over {c}" for p in roles_of(f).parameters for c in drifts_of(roles_of(f))),
+        make=_over, label="change",
     ).enter("simulator"),
     recipe(
         "output_gain", "An instrument's scale changes with a column", "measured -= k measured u / max|u|, u from its "

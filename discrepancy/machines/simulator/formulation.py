@@ -385,7 +385,17 @@ def _refuse_units(data: MeasuredData, local: LocalModel, nominal: Array, seen: A
 
     def factors(predicted: Array) -> Array:
         """Return by what the readings are to be multiplied, (m,), 1 where it may be an error of their scale."""
-        found = np.array([_factor_of(y, p) for y, p in zip(read.T, predicted.T)])
+        found = np.ones(read.shape[1])
+        for k, (y, p) in enumerate(zip(read.T, predicted.T)):
+            known = (y != 0) & (p / np.where(y != 0, y, 1.0) > 0) & np.isfinite(p)
+            if known.sum() < len(y) // 2:
+                continue
+            # the factor of least deviation; that of two units where one is this near to it
+            ratio, weight = p[known] / y[known], np.abs(y[known])
+            order = np.argsort(ratio)
+            middle = float(ratio[order][np.searchsorted(np.cumsum(weight[order]), weight.sum() / 2)])
+            near = min(_FACTORS, key=lambda factor: abs(math.log(factor / middle)))
+            found[k] = near if abs(math.log(near / middle)) < _ALIKE else middle
         return np.where(np.abs(np.log(found)) > _OF_UNITS, found, 1.0)
 
     if len(rows) < _FEW_OF_UNITS // 2:
@@ -420,18 +430,6 @@ def _refuse_units(data: MeasuredData, local: LocalModel, nominal: Array, seen: A
             f"{data.name}: the readings are as far from the simulator as shuffled ones, and near to it if {how}: file "
             "and simulator are in other units; write one of them in those of the other"
         )
-
-
-def _factor_of(read: Array, predicted: Array) -> float:
-    """Return the factor that brings readings nearest to predictions; that of two units where one is this near to it."""
-    known = (read != 0) & (predicted / np.where(read != 0, read, 1.0) > 0) & np.isfinite(predicted)
-    if known.sum() < len(read) // 2:
-        return 1.0
-    ratio, weight = predicted[known] / read[known], np.abs(read[known])
-    order = np.argsort(ratio)
-    middle = float(ratio[order][np.searchsorted(np.cumsum(weight[order]), weight.sum() / 2)])  # of least deviation
-    near = min(_FACTORS, key=lambda factor: abs(math.log(factor / middle)))
-    return near if abs(math.log(near / middle)) < _ALIKE else middle
 
 
 def _moved(data: MeasuredData, inputs: Sequence[str], clock: str) -> MeasuredData:
