@@ -203,26 +203,22 @@ def _data_of(given: DesignWords, machine: str, stated: Mapping[str, Any]) -> Mea
         if len(listed) > 1:
             raise RequestError(f"data={given.data}: names {len(listed)} sets; design looks at one")
         return listed[0].read(stated)
-    make, names = description_of(given.machine).plan, plan_names(given.machine)
+    make = description_of(given.machine).plan
     if make is None:
         raise RequestError(f"plan=: {given.machine} has no named plans; give data=FILE with the plan's readings")
+    declared = declared_options(make)
+    names = [str(choice) for choice in declared["plan"].type.__args__]
     if given.plan not in names:
         raise RequestError(f"plan={given.plan}: {suggest(given.plan, names)}")
     for key in ("columns", "units"):
         if key in stated:
             raise RequestError(f"{key}=: goes with data=FILE, and plan={given.plan} has its own names")
-    declared = declared_options(make)
     chosen = {**{k: v for k, v in stated.items() if k in declared}, **_read(given.plan_options, declared)}
     for key in chosen:
         if key not in declared or key == "plan":
             raise RequestError(f"plan.{key}: {suggest(key, [k for k in declared if k != 'plan'])}")
     made = make(given.plan, **{k: coerce(f"plan.{k}", value, declared[k].type) for k, value in chosen.items()})
     return MeasuredData(made.columns, made.machine, {**made.metadata, **stated}, made.name, made.notes)
-
-
-def plan_names(machine: str) -> tuple[str, ...]:
-    make = description_of(machine).plan
-    return tuple(str(choice) for choice in declared_options(make)["plan"].type.__args__) if make else ()
 
 
 _MANY = 24  # sets of data above which pages are not drawn unless asked for: a page takes longer than its search

@@ -160,13 +160,20 @@ def p_by_own_scatter(on: ProjectedScores, U: Array) -> float:
     return float(fdtrc(U.shape[1], rest, T / U.shape[1]))
 
 
-def projected_scores(fit: Fit, spared: bool = False) -> ProjectedScores:
-    """Return the scores of a fit, projected off what its Jacobian can absorb; `spared` see `ProjectedScores`."""
-    size = np.sqrt((fit.J**2).sum(axis=0))
+def projected_scores(fit: Fit, spared: bool = False, without: Sequence[Effect] = ()) -> ProjectedScores:
+    """Return the scores of a fit, projected off what its Jacobian can absorb; `spared` see `ProjectedScores`.
+
+    They are those of the fit `without` some of its effects, to first order.
+    """
+    r, J = fit.r, fit.J
+    if without:
+        out = np.concatenate([np.arange(len(fit.x))[fit.model.place_of(effect)] for effect in without])
+        r, J = r - J[:, out] @ fit.x[out], np.delete(J, out, axis=1)
+    size = np.sqrt((J**2).sum(axis=0))
     size[size == 0] = 1.0
-    Q, R = np.linalg.qr(fit.J / size)
+    Q, R = np.linalg.qr(J / size)
     Q = np.asarray(Q[:, np.abs(np.diag(R)) > 1e-10])
-    y = fit.noise.scores(fit.r)
+    y = fit.noise.scores(r)
     return ProjectedScores(project_off(y, Q), Q, bool(fit.noise.extra), fit.noise.profiled, spared)
 
 

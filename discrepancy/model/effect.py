@@ -29,6 +29,7 @@ class Effect(Protocol):
     (`family target`) of candidates that leave the same signature whatever the data, by declared physics.
     `coefficients` are the names of its numbers with `units`; `amplitude` turns them into the one number an engineer
     quotes, in `unit`. `positions` is how many places of a change point were scanned to find it: 1 for all others.
+    Some effects have more of what a `LinearEffect` has: `largest`, `along`, `begins`, `over`, `whole`, `span`.
     """
 
     @property
@@ -76,21 +77,6 @@ class Moment:
 
 
 Along = Callable[[MeasuredData], Mapping[str, Sequence[Moment]]]  # covariate -> the moments at which an effect acts
-
-
-def along_of(effect: Effect) -> Along | None:
-    """Return the function that gives the positions at which an effect acts; None for an effect without one."""
-    return cast(Along | None, getattr(effect, "along", None))
-
-
-def over_of(effect: Effect) -> tuple[str, ...]:
-    """Return the columns that together are the place on which an effect's size may depend; () for one without."""
-    return cast(tuple[str, ...], getattr(effect, "over", ()))
-
-
-def whole_of(effect: Effect) -> Effect | None:
-    """Return the cause, of any phase, of which an effect is the sine or the cosine; None for any other effect."""
-    return cast("Effect | None", getattr(effect, "whole", None))
 
 
 @final

@@ -81,7 +81,7 @@ class Constraints:
 
     def __post_init__(self) -> None:
         if not self.checked:
-            check_kinds("noise", self.noise, self.inputs, self.parameters)
+            check_names("noise", self.noise, self.inputs, self.held, self.parameters)
         vars(self).update(fixed=self.held, readings=tuple(self.noise), sigma=self.noise)
         if self.checked:
             return
@@ -92,7 +92,6 @@ class Constraints:
                 shown_sigma = f"{sigma:g}" if isinstance(sigma, int | float) else repr(sigma)
                 only = " (None, unknown, is for what Predicted measures)" if sigma is None else ""
                 raise DataError(f"noise of {name}: {shown_sigma}; a standard deviation above 0 is needed{only}")
-        refuse_twice((*self.noise, *self.inputs), self.held, self.parameters)
         object.__setattr__(self, "data", _complete(self, (*self.noise, *self.inputs)))
         check_slopes(self, "closure(q)")
         self.roles.refuse_unknown(self)
@@ -167,8 +166,10 @@ def _complete(of: Constraints | Predicted, read: Sequence[str]) -> MeasuredData:
     return without_gaps(data, parts_of.columns_of(of.roles), tuple(directions))
 
 
-def check_kinds(argument: str, columns: object, inputs: object, parameters: Sequence[object]) -> None:
-    """Raise `DataError` where a statement of an author has a wrong type: a word for a tuple, names without noise."""
+def check_names(
+    argument: str, columns: object, inputs: Sequence[str], held: Mapping[str, float], parameters: Sequence[object]
+) -> None:
+    """Raise `DataError` for a statement of a wrong type (a word for a tuple, names without noise), or a name twice."""
     if not isinstance(columns, Mapping):
         raise DataError(
             f"{argument}: each column with its standard deviation is needed, such as {argument}={{'x': 0.02}}"
@@ -179,11 +180,7 @@ def check_kinds(argument: str, columns: object, inputs: object, parameters: Sequ
             raise DataError(f"parameters: {one!r:.60} is no Parameter(name, unit, nominal, lower, upper)")
         if not one.lower <= one.upper:
             raise DataError(f"parameters: {one.name}: its lower bound {one.lower:g} is above its upper {one.upper:g}")
-
-
-def refuse_twice(columns: Sequence[str], held: Mapping[str, float], parameters: Sequence[Parameter]) -> None:
-    """Raise `DataError` for a name that is used twice."""
-    names = [*columns, *held, *(p.name for p in parameters)]
+    names = [*columns, *inputs, *held, *(one.name for one in parameters if isinstance(one, Parameter))]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise DataError(f"{', '.join(twice)}: a name is measured, an input, held, or free: one of these")
@@ -233,7 +230,7 @@ class Predicted:
         ours = getattr(self.slopes, "__func__", None) is Predicted._slopes  # handed on by `replace`
         given = self._given if ours else self.slopes
         if not self._checked:
-            check_kinds("measured", self.measured, self.inputs, self.parameters)
+            check_names("measured", self.measured, self.inputs, self.held, self.parameters)
         unknown = tuple(name for name, sigma in self.measured.items() if sigma is None)
         vars(self).update(_given=given, fixed=self.held, readings=tuple(self.measured), unknown_noise=unknown)
         vars(self).update(slopes=self._slopes)  # the method of a `Formulation`, whether given or not
@@ -241,7 +238,6 @@ class Predicted:
             return
         if not self.measured:
             raise DataError("measured: nothing is measured; give it a column with its standard deviation or None")
-        refuse_twice((*self.measured, *self.inputs), self.held, self.parameters)
         for name in (one.column for one in self.instruments if one.column not in self.measured):
             raise DataError(f"sensor {name}: it is not measured; {suggest(name, self.measured)}")
         deviations = [stated for stated in self.measured.values() if isinstance(stated, str)]

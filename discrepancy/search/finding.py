@@ -15,7 +15,7 @@ import numpy as np
 from calibench.discrepancy.diagnostics.smooth_term import curve
 from calibench.discrepancy.fitting.fit import Fit, amplitude_interval, orthonormal, project_off
 from calibench.discrepancy.labels import effect_label, quantity_label
-from calibench.discrepancy.model.effect import ChangePoint, Effect, OfFreePeriod, name_of, over_of
+from calibench.discrepancy.model.effect import ChangePoint, Effect, OfFreePeriod, name_of
 from calibench.discrepancy.model.formulations import Predicted
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model, signature
@@ -59,7 +59,7 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     # unlikely members are left out: fewer where gains are less exact, as where nothing tells the noise and the weights
     # are those of forms over a place
     few, profiled = len(found.r) <= t.few_residuals, found.noise.profiled
-    share = t.weight_left_out_few if few or (profiled and over_of(effect)) else t.weight_left_out
+    share = t.weight_left_out_few if few or (profiled and getattr(effect, "over", None)) else t.weight_left_out
     share = t.weight_left_out_untold if few and profiled else share
     # where the column of a rival on the same part, or of its family, differs from that of the first by less than
     # formulas may be off, as a temperature that rises with time, the better fit of one is no reason to leave the other

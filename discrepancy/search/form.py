@@ -229,7 +229,7 @@ def form_words(effect: Effect, shapes: Sequence[Effect], formulation: Formulatio
 
 def slow_along(effect: Effect, data: MeasuredData, terms: int) -> tuple[Slow, ...]:
     """Return slow functions of the position of each carriage of an effect; none where the effect gives no carriage."""
-    along = effects.along_of(effect)
+    along: effects.Along | None = getattr(effect, "along", None)
     if along is None:
         return ()
     found = []
@@ -338,8 +338,8 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
     own = {o.name for o in found if part_of(o.effect.target) == part_of(top.effect.target)}
     if top.fit.noise.profiled:
         return _near_without_noise(found, plain, top, own)
-    along = effects.along_of(top.effect) is not None
-    rivals = [o for o in found if o.name in own or (along and effects.along_of(o.effect) is not None)]
+    acting = {o.name for o in found if getattr(o.effect, "along", None)}
+    rivals = [o for o in found if o.name in own or (top.name in acting and o.name in acting)]
     if len(rivals) < 2:
         return plain
     worth = {o.name: one for o in rivals if (one := _worth(o, top)) is not None}
@@ -379,7 +379,7 @@ def _near_without_noise(
         elif o in plain:
             kept.append(o)
     beside = {name_of(e) for e in top.fit.model.effects if e is not top.effect}
-    placed = [o for o in found if o.name in own and effects.over_of(o.effect) and o.gain > 0]
+    placed = [o for o in found if o.name in own and getattr(o.effect, "over", None) and o.gain > 0]
     placed = [o for o in placed if not beside & {*o.effect.twins}]
     if len(placed) < 2 or top not in placed:
         return tuple(kept)
@@ -390,13 +390,13 @@ def _near_without_noise(
 
     # twice the log-likelihood of each, its form off or not, less its penalty
     data = top.fit.model.formulation.data
-    over = effects.over_of(top.effect)
+    over: tuple[str, ...] = getattr(top.effect, "over", ())
     place = np.stack([np.asarray(data[name], dtype=float) for name in over], axis=-1)
     fields = once(lambda: [random_field(place, length) for length in _LENGTHS], (data,), "fields", over)
     likelihoods = {o.name: _likelihood(o, o.effect, top, fields) - o.paid for o in placed}
     waves: dict[tuple[str, ...], tuple[Option, Effect]] = {}
     for o in sorted(placed, key=lambda one: one.gain):  # the one that explains more comes last
-        if (whole := effects.whole_of(o.effect)) is not None:
+        if (whole := getattr(o.effect, "whole", None)) is not None:
             waves[tuple(sorted(whole.coefficients))] = o, whole
     for o, whole in waves.values():
         paid = o.paid + float(np.log(len(o.fit.r)))
@@ -484,7 +484,7 @@ def _worth(o: Option, top: Option) -> float | None:
         drawn = top.gain + top.paid - o.paid + float(np.sum(top.fit.noise.weights(top.fit.r) * top.fit.r**2)) - worth[1]
     elif o is not top and len(o.effect.coefficients) <= MOST:
         return None
-    odds = 0.0 if effects.along_of(top.effect) is not None else thresholds().form_odds
+    odds = 0.0 if getattr(top.effect, "along", None) else thresholds().form_odds
     return float(2 * np.logaddexp(o.gain / 2, (drawn + odds) / 2))
 
 

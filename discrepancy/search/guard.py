@@ -22,7 +22,7 @@ from scipy.linalg.lapack import dormqr, dpstrf, dsytrd, dtrtrs
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit, once, orthonormal, project_off, thinned
 from calibench.discrepancy.fitting.journal import kept_step
-from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of, whole_of
+from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
 from calibench.discrepancy.noise.whiten import Whitener
@@ -130,7 +130,7 @@ def _causes_of(findings: Sequence[Finding], effects: Mapping[str, Effect], part:
     """Return how many causes names claim: the waves of one curve are one, and one family may act on several parts."""
     causes: list[tuple[set[str], set[str]]] = []  # the parts and the families, or the waves, of each
     for one in findings:
-        wave = whole_of(effects[one.effect])
+        wave: Effect | None = getattr(effects[one.effect], "whole", None)
         families = {one.family, *(rival.family for rival in one.set)} if wave is None else {*wave.coefficients}
         place = part(one.target)
         for parts, kinds in causes:

@@ -192,7 +192,7 @@ def gains_of_any_phase(
 
     It may explain more than the best name, though neither of its terms does alone.
     """
-    wholes = {s.name: whole for s in named if (whole := effects.whole_of(s.effect)) is not None}
+    wholes = {s.name: whole for s in named if (whole := getattr(s.effect, "whole", None)) is not None}
     scored = score.score_all(base, on, list(wholes.values()), sums=True)
     return {name: delta_bic(s, on) for name, (s, _) in zip(wholes, scored)}
 

@@ -9,7 +9,6 @@ not count for play. The readings of a visit stay together. A walk of the zero, w
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import islice
 from typing import Any
@@ -68,10 +67,7 @@ def shuffled(at: Fit, effect: Effect, beside: Effect, family: Sequence[Effect]) 
     sizes = np.bincount(classes)
     if sizes[sizes > 1].sum() < _FEWEST:
         return None
-    # without `beside` and its forms, to first order; only residuals and Jacobian are meant
-    gone = [at.model.place_of(one) for one in (beside, *forms_of(beside, at.model.effects))]
-    out = np.concatenate([np.arange(place.start, place.stop) for place in gone])
-    on = score.projected_scores(replace(at, r=at.r - at.J[:, out] @ at.x[out], J=np.delete(at.J, out, axis=1)))
+    on = score.projected_scores(at, without=(beside, *forms_of(beside, at.model.effects)))
     # whether what it changes in a row hangs on these columns alone, and the noise of rows on no other: then its changes
     # can be shuffled instead of the columns, and no row's whitening reads another row
     data, rows = formulation.data, at.at.misclosure

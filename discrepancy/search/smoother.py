@@ -366,18 +366,13 @@ def _course(grid: Array, values: Array, turn: float, place: str) -> str:
         return _shares(powers, _POWERS)
     if place:
         return place
-    return f"about {(_turns(values, _TURNS_BACK * np.ptp(values)) + 1) / 2:g} waves over the range"
-
-
-def _turns(values: Array, least: float) -> int:
-    """Return how often a function turns back by more than `least`."""
-    turns, way, low, high = 0, 0, values[0], values[0]
+    turns, way, low, high, least = 0, 0, values[0], values[0], _TURNS_BACK * np.ptp(values)
     for value in values:
         low, high = min(low, value), max(high, value)
         if (way >= 0 and high - value > least) or (way <= 0 and value - low > least):
             turns, way = turns + abs(way), -1 if high - value > least and way >= 0 else 1
             low = high = value
-    return turns
+    return f"about {(turns + 1) / 2:g} waves over the range"
 
 
 def _shares(powers: Sequence[float], words: Sequence[str]) -> str:

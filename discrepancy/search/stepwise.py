@@ -18,7 +18,7 @@ import numpy as np
 from calibench.discrepancy.diagnostics import score
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit, fit
-from calibench.discrepancy.model.effect import Alternative, Effect, name_of, still_open, whole_of
+from calibench.discrepancy.model.effect import Alternative, Effect, name_of, still_open
 from calibench.discrepancy.noise.laws import OF_NOISE, NoiseFinding
 from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.report import Amplitude, Finding, Rival, Shuffled, Verdict
@@ -248,10 +248,8 @@ def _settled(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept
     other, least = None, thresholds().close
     for two in weakest:  # in the place of each of these pairs, the pair that explains most
         others = [e for e in own if e not in two]
-        # the fit without the two, to first order
-        gone, every = {name_of(e) for e in two}, np.arange(len(at.x))
-        out = np.concatenate([every[at.model.place_of(e)] for e in at.model.effects if name_of(e) in gone])
-        on = score.projected_scores(replace(at, r=at.r - at.J[:, out] @ at.x[out], J=np.delete(at.J, out, axis=1)))
+        gone = {name_of(e) for e in two}
+        on = score.projected_scores(at, without=[e for e in at.model.effects if name_of(e) in gone])
         new = still_open(candidates, {name_of(e) for e in others})
         scored = [(s, U) for s, U in score.score_all(at, on, [*two, *new], bases=True) if s.m]
         first = {s.name: (s, U) for s, U in reversed(scored[:2])}
@@ -535,7 +533,7 @@ def _verdict_of(
     found = []
     for own in sets:
         # sine and cosine of one wave are one curve: the form of one is that of both
-        wave = whole_of(own[0].effect)
+        wave: Effect | None = getattr(own[0].effect, "whole", None)
         alike = [o.effect for o, *_ in sets if wave is not None and o.effect.family in wave.coefficients]
         told = (forming.form_words(e, selection.forms, at.model.formulation) for e in (own[0].effect, *alike))
         found.append(replace(finding_of(at, own), form=next(filter(None, told), "")))

@@ -204,7 +204,7 @@ def test_a_chart_is_drawn_where_every_reading_is_taken_for_outlying(monkeypatch)
     all_of_them = SimpleNamespace(weights=np.ones(len(report.model.fit.model.formulation.data)))
     monkeypatch.setattr(shown, "outliers_under", lambda *_: all_of_them)
     [drawn] = [one for one in shown_by(report, Series({})) if one.name == "noise_1"]
-    _, table = figures.made(drawn)
+    _, table = figures.outliers_in_time(*drawn.values)
     assert table["outlying"].all()
 
 
@@ -214,7 +214,7 @@ def test_a_chart_is_drawn_where_every_reading_is_taken_for_outlying(monkeypatch)
 def test_no_best_possible_error_is_drawn_from_noise_that_held_the_gap(notes, drawn):
     report = told(gap={**GAP, "held_out_before": 0.7, "held_out_after": 0.14}, notes=notes, findings=[FINDING])
     [gap] = [one for one in shown_by(report, Series({})) if one.name == "gap"]
-    figure, _ = figures.made(gap)
+    figure, _ = gap_chart(*gap.values)
     said = [text.get_text() for text in figure.axes[0].texts]
     assert any("best possible" in words for words in said) is drawn
 

@@ -8,7 +8,7 @@ import pytest
 from calibench import discrepancy
 from calibench.discrepancy import DataError, Instrument, Joint, Length, MeasuredData, Roles
 from calibench.discrepancy.checks.validate import validate
-from calibench.discrepancy.model.formulations import Constraints, check_kinds
+from calibench.discrepancy.model.formulations import Constraints, check_names
 from calibench.discrepancy.model.model import Model
 from calibench.problems.base import Parameter
 
@@ -102,7 +102,7 @@ def test_a_mistake_of_the_author_is_a_sentence(machine, said):
 def test_a_parameter_whose_bounds_are_exchanged_is_refused():
     exchanged = Parameter("scale", "1", 1.0, 1.01, 0.99)
     with pytest.raises(DataError, match=r"scale: its lower bound 1\.01"):
-        check_kinds("noise", {"turn": 1e-3}, (), [exchanged])
+        check_names("noise", {"turn": 1e-3}, (), {}, [exchanged])
 
 
 @pytest.mark.parametrize(("cell", "also"), [(np.nan, ""), (-np.inf, ""), (1e308, " (beyond 1e+60 in 1 of them)")])

@@ -39,14 +39,10 @@ _BINS = 41
 _MANY = 800  # dots from which on they are drawn as pixels
 
 
-def made(shown: Shown) -> Drawing:
-    drawing: Drawing = globals()[shown.drawing](*shown.values)
-    return drawing
-
-
 def written(shown: Shown, folder: Path) -> Path:
     """Write the files of a drawing into `folder`; return the path of its SVG."""
-    return save(shown.name, made(shown), folder)[0]
+    drawing: Drawing = globals()[shown.drawing](*shown.values)
+    return save(shown.name, drawing, folder)[0]
 
 
 def where_map(machine: str, where: Sequence[Place], words: Mapping[str, str] = NO_WORDS) -> Drawing:

@@ -17,7 +17,7 @@ import numpy as np
 
 from calibench.discrepancy.effects.general.joints import largest_error, told_in
 from calibench.discrepancy.effects.general.recipe import Built, clock_of, named, of_columns, of_joints, unit_of
-from calibench.discrepancy.model.effect import Effect, EffectFamily, LinearEffect, NotTestable, needs, size
+from calibench.discrepancy.model.effect import Effect, EffectFamily, LinearEffect, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
@@ -330,23 +330,23 @@ def _frame_drift(family: EffectFamily, formulation: Formulation, target: str) ->
     middle = np.array([float(np.mean(formulation.data[name])) for name in columns])
     reach = np.stack([formulation.data[name] for name in columns], axis=-1) - middle
 
-    def form(turns: bool) -> LinearEffect:
-        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-            part = ((data[clock] - origin) / span)[:, None]
-            apart = np.stack([np.asarray(q[name], dtype=float) for name in columns], axis=-1) - middle
-            return {name: -part * moved for name, moved in zip(columns, _motion(apart, turns))}
+    def changes(turns: bool, q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        part = ((data[clock] - origin) / span)[:, None]
+        apart = np.stack([np.asarray(q[name], dtype=float) for name in columns], axis=-1) - middle
+        return {name: -part * moved for name, moved in zip(columns, _motion(apart, turns))}
 
-        names = (*(f"d{name}" for name in columns), *(_AXES[len(columns)] if turns else ()))
-        units = (unit,) * len(columns) + ("rad",) * (len(names) - len(columns))
-        return family.linear(
-            target, (clock, *columns), dict(zip(names, units, strict=True)), changes, unit=unit,
-            # where it turns, how far the reading that moves most has moved at the end of the run
-            measure=size if not turns else lambda c: float(
-                np.max(np.linalg.norm(np.stack([one @ c for one in _motion(reach, turns)], axis=-1), axis=-1))
-            ),
-        )  # fmt: skip
-
-    return (form(False), form(True)) if len(columns) in _AXES else (form(False),)
+    units = {f"d{name}": unit for name in columns}
+    even = family.linear(target, (clock, *columns), units, partial(changes, False), unit=unit)
+    if len(columns) not in _AXES:
+        return even
+    moved = _motion(reach, True)
+    units |= dict.fromkeys(_AXES[len(columns)], "rad")
+    turning = family.linear(
+        target, (clock, *columns), units, partial(changes, True), unit=unit,
+        # how far the reading that moves most has moved at the end of the run
+        measure=lambda c: float(np.max(np.linalg.norm(np.stack([one @ c for one in moved], axis=-1), axis=-1))),
+    )  # fmt: skip
+    return even, turning
 
 
 def _motion(apart: Array, turns: bool) -> list[Array]:

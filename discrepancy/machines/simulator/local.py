@@ -133,8 +133,8 @@ class LocalModel:
             self.takes_rows = False
         known = [v for v in self.variables if self.independent or not v.is_input]
         rows = few if self.independent else np.arange(n)
-        rough = self.independent or self._levels(known, rows)[1].any()  # of the whole table each call is dear
-        self.steps = {v.name: (rough and self._rough_step(v, rows)) or self._step(v, rows) for v in known}
+        rough = self.independent or bool(self._levels(known, rows)[1].any())  # of the whole table each call is dear
+        self.steps = {v.name: self._step(v, rows, rough) for v in known}
 
     @property
     def own(self) -> Array:
@@ -405,15 +405,6 @@ class LocalModel:
                     break
         return np.asarray(noise)
 
-    def _rough_step(self, v: Variable, rows: NDArray[np.intp]) -> float:
-        """Return the step of the fan where an output is rough along a variable, noting how rough; 0 where none is."""
-        levels, found = self._levels([v], rows)
-        if not found.any():
-            return 0.0
-        self.rough[v.name] = found
-        curved = np.max(levels / np.maximum(found, _TRUST * self._spread()), axis=1) > _RATIO[1]
-        return float(_RADII[min(1 + int(np.sum(curved)), len(curved))] * v.width)
-
     def _levels(self, variables: Sequence[Variable], rows: NDArray[np.intp]) -> tuple[Array, Array]:
         """Return third differences along these variables together, as a noise, (steps, m), and how rough it is."""
         radii, m = _RADII[: None if self.independent else 4], len(self.scale)
@@ -452,8 +443,14 @@ class LocalModel:
         """Return the noise of the readings, or where nobody states it a twentieth of an output's range, (m,)."""
         return np.where(np.isfinite(self.scale), self.scale, 0.05 * np.ptp(self.places[0].values, axis=0))
 
-    def _step(self, v: Variable, rows: NDArray[np.intp]) -> float:
-        """Return the step of the central difference in one variable."""
+    def _step(self, v: Variable, rows: NDArray[np.intp], rough: bool) -> float:
+        """Return the step of the central difference in one variable, or of the fan where an output is `rough` there."""
+        if rough:
+            levels, found = self._levels([v], rows)
+            if found.any():
+                self.rough[v.name] = found
+                curved = np.max(levels / np.maximum(found, _TRUST * self._spread()), axis=1) > _RATIO[1]
+                return float(_RADII[min(1 + int(np.sum(curved)), len(curved))] * v.width)
         longest = _LONGEST * v.width
         size = np.max(np.abs(self.places[0].values), axis=0)
         first = float(np.max(np.cbrt(self.noise / np.maximum(size, 1e-300)))) * v.width
