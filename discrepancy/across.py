@@ -14,16 +14,17 @@ import numpy as np
 from scipy.special import chdtrc, ndtri
 
 from calibench.core.process import one_thread
+from calibench.discrepancy.checks.validate import validate
 from calibench.discrepancy.diagnostics.score import projected_scores, score_all
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.fitting.fit import PLACE, Fit, fit, orthonormal, project_off
+from calibench.discrepancy.fitting.fit import Fit, fit, orthonormal, project_off
 from calibench.discrepancy.model import effect as effects_of
 from calibench.discrepancy.model.effect import ChangePoint, Effect, Untestable, has_free_period, is_possible, name_of
 from calibench.discrepancy.model.machine import Machine, Quantities
-from calibench.discrepancy.model.measured import MeasuredData
+from calibench.discrepancy.model.measured import PLACE, MeasuredData
 from calibench.discrepancy.model.model import Model, signature
 from calibench.discrepancy.model.roles import roles_of
-from calibench.discrepancy.procedure import calibrated, in_order, searched
+from calibench.discrepancy.procedure import calibrated, searched
 from calibench.discrepancy.report import Carried, CarriedVerdict, Caution, Doubt, Finding, Report
 from calibench.discrepancy.search.finding import amplitude_of
 from calibench.discrepancy.search.form import forms_of
@@ -181,7 +182,7 @@ def _refitted(expected: Sequence[_Expected], base: Fit, of_run: Sequence[Effect]
 
 
 def _in_another(findings: Sequence[Finding], first: Fit, machine: Machine, other: MeasuredData) -> list[Carried]:
-    whole = in_order(machine, other)
+    whole = validate(machine, other)
     fitted = calibrated(whole, searched(whole.data, np.ones(len(whole.data), dtype=bool)))
     base, known = fitted.base, catalogue(fitted.whole)
     rows: list[Carried] = []

@@ -28,7 +28,6 @@ from calibench.discrepancy.diagnostics.score import smallest_amplitude, uncancel
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, joint_terms, smooth_columns, smooth_terms
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import (
-    PLACE,
     Fit,
     ResidualProblem,
     at_any_scale,
@@ -44,7 +43,7 @@ from calibench.discrepancy.formula import with_formula
 from calibench.discrepancy.labels import quantity_of
 from calibench.discrepancy.model.effect import Catalogue, Effect, has_free_period
 from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.measured import MeasuredData, blamable
+from calibench.discrepancy.model.measured import PLACE, MeasuredData, blamable
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.noise.laws import OF_NOISE, NoiseFinding
@@ -98,7 +97,7 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
     began, rng = time.process_time(), np.random.default_rng(seed)
     asked = Asked(data.metadata)
     data = replace(data, metadata=asked)
-    whole = in_order(machine, data)
+    whole = validate(machine, data)
     split = np.asarray(whole.data["split"]) if whole.data.has("split") else np.full(len(whole.data), "train")
     hold = ~searched(whole.data, split != "hold")
     searching = bool((hold & (split != "hold")).any())  # some of the rows that may be fitted, not all
@@ -500,20 +499,3 @@ def _rest(gap: reports.Gap, final: Fit, last: Tests) -> reports.Left:
     place = min(_places(last), key=lambda p: p.p, default=None)
     shows = place is not None and place.p < current_thresholds().p_calm
     return reports.Left(float(times), place if shows else None)
-
-
-def in_order(machine: Machine, data: MeasuredData) -> Formulation:
-    """Return the checked formulation of `data`, its rows in the order of reading and with their places in it.
-
-    Rows keep their places when others are held out, or not searched: noise that is carried on fades in between.
-    """
-
-    def ordered(rows: MeasuredData) -> MeasuredData:
-        rows = rows.rows(np.argsort(rows["t_s"], kind="stable")) if rows.has("t_s") else rows
-        return rows.with_columns({PLACE: np.arange(len(rows), dtype=float)})
-
-    whole = validate(machine, data, ordered)
-    if whole.data.has(PLACE):
-        return whole
-    # some machines make a table of their own
-    return whole.on(whole.data.with_columns({PLACE: np.arange(len(whole.data), dtype=float)}))

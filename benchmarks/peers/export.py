@@ -20,9 +20,9 @@ import numpy as np
 from calibench.bench.measured.files import read_measured
 from calibench.discrepancy import explain
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.fitting.fit import PLACE, Fit, linearise, readings_of
+from calibench.discrepancy.fitting.fit import Fit, linearise, readings_of
 from calibench.discrepancy.model.effect import Effect, name_of
-from calibench.discrepancy.model.measured import MeasuredData
+from calibench.discrepancy.model.measured import PLACE, MeasuredData
 from calibench.discrepancy.model.model import Model, signature
 from calibench.discrepancy.report import Report
 from calibench.problems.base import Array

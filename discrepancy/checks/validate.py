@@ -9,7 +9,7 @@ whose sine is never large. An object that is no machine is refused, and so is a 
 import difflib
 import inspect
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, final
 
@@ -24,7 +24,7 @@ from calibench.core.words import as_columns, listed, plain
 from calibench.discrepancy.checks.wild import formulated, refuse_wild, without_wild, without_wild_rows
 from calibench.discrepancy.model.formulations import Constraints
 from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.measured import DataError, MeasuredData, number_visits
+from calibench.discrepancy.model.measured import PLACE, DataError, MeasuredData, number_visits
 from calibench.discrepancy.model.roles import columns_of, inputs_of, roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.registries import description_of, descriptions, families
 
@@ -40,22 +40,20 @@ def looked_at(machine: Machine, data: MeasuredData) -> Formulation:
     return _tame(formulated(machine, entered(data)))
 
 
-def validate(
-    machine: Machine, data: MeasuredData, ordered: Callable[[MeasuredData], MeasuredData] = lambda data: data
-) -> Formulation:
-    """Return the formulation of `data` after all checks.
+def validate(machine: Machine, data: MeasuredData) -> Formulation:
+    """Return the formulation of `data` after all checks, its rows in the order of reading and with their places in it.
 
-    Where some rows or columns are left out, its data carry a note. `ordered` puts rows into another order before they
-    are formulated. Raises `DataError`, in one line that names the column or the rows, what is wrong with them, and what
-    to do.
+    Rows keep their places when others are held out, or not searched: noise that is carried on fades in between. Where
+    some rows or columns are left out, its data carry a note. Raises `DataError`, in one line that names the column or
+    the rows, what is wrong with them, and what to do.
     """
     refuse_no_machine(machine)
     rows, data = np.flatnonzero(_valid(data)) + 1, entered(data)
     data = _with_unread(machine.name, data)
-    formulation = formulated(machine, ordered(data))
+    formulation = formulated(machine, _in_order(data))
     copies, note = copied_rows(data, rows, formulation)
     if copies.any():
-        formulation = machine.formulate(ordered(data.rows(~copies)))
+        formulation = machine.formulate(_in_order(data.rows(~copies)))
     if note is not None:
         formulation = formulation.on(replace(formulation.data, notes=(*formulation.data.notes, note)))
     # only predictions are the same at the same inputs; constraints need not be
@@ -86,7 +84,14 @@ def validate(
             data = data.with_note(Code.COLUMN_MISSING, text, (name,))
         if data.fitted.all():
             data = data.with_note(Code.NOT_HELD_OUT, NOT_HELD_OUT)
+    if not data.has(PLACE):  # some machines make a table of their own
+        data = data.with_columns({PLACE: np.arange(len(data), dtype=float)})
     return formulation if data is formulation.data else formulation.on(data)
+
+
+def _in_order(data: MeasuredData) -> MeasuredData:
+    data = data.rows(np.argsort(data["t_s"], kind="stable")) if data.has("t_s") else data
+    return data.with_columns({PLACE: np.arange(len(data), dtype=float)})
 
 
 def _with_unread(machine: str, data: MeasuredData) -> MeasuredData:
@@ -273,7 +278,7 @@ def _valid(data: MeasuredData) -> NDArray[np.bool_]:
         raise DataError(f"{data.name}: {error}") from None
 
 
-_BOOKKEEPING = ("pose_id", "visit_id", "repeat", "split", "valid", "reading_place")
+_BOOKKEEPING = ("pose_id", "visit_id", "repeat", "split", "valid", PLACE)
 _SAME = "are the same in every column"
 _IMPOSSIBLE = 1e-3  # expected number of equal rows, below which an equal row must be a copy
 _UNLIKELY = 1e-3

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, ndtr, stdtr, stdtrit
 
 from calibench.discrepancy.diagnostics.smooth_term import curve, smooth_columns
-from calibench.discrepancy.fitting.fit import PLACE, Fit, Linearised, linearise, readings_of
+from calibench.discrepancy.fitting.fit import Fit, Linearised, linearise, readings_of
 from calibench.discrepancy.model.machine import Formulation
-from calibench.discrepancy.model.measured import blamable
+from calibench.discrepancy.model.measured import PLACE, blamable
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.repeats import TAILS, variance
 from calibench.discrepancy.noise.whiten import Noise

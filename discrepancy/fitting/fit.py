@@ -23,13 +23,12 @@ from calibench.core.words import plain
 from calibench.discrepancy.fitting.journal import kept_step
 from calibench.discrepancy.model.effect import Effect
 from calibench.discrepancy.model.machine import Formulation, Quantities, Slopes
-from calibench.discrepancy.model.measured import DataError, MeasuredData
+from calibench.discrepancy.model.measured import PLACE, DataError, MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import ROUNDING, Noise, Whitener, whitener
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-PLACE = "reading_place"  # the column that holds a reading's place in the order of time
 _REWEIGHTED = 30  # times at most, between two looks at the slopes
 _BLOCK = 2048  # rows of a block that a processor's cache holds
 _DESCENDED = 1e-3, 1e-6  # change of the cost, of itself and of the whole, at which a descent ends

@@ -23,8 +23,16 @@ from calibench.discrepancy.diagnostics.score import ProjectedScores, family_wise
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, products
 from calibench.discrepancy.fitting.fit import Fit, fit, orthonormal, predicted, reading_order, thinned
 from calibench.discrepancy.fitting.journal import kept_step
-from calibench.discrepancy.formula.effect import FormulaEffect, class_of
-from calibench.discrepancy.formula.grammar import LETTERS, SMOOTH_NUMBERS, Atom, Run, Term, formula_text
+from calibench.discrepancy.formula.grammar import (
+    LETTERS,
+    SMOOTH_NUMBERS,
+    Atom,
+    FormulaEffect,
+    Run,
+    Term,
+    class_of,
+    formula_text,
+)
 from calibench.discrepancy.labels import quantity_of
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.model import Model

@@ -23,9 +23,10 @@ from calibench.core.words import as_columns, shortened
 from calibench.problems.base import Array
 
 Column = NDArray[Any]
+PLACE = "reading_place"  # the column that holds a reading's place in the order of time
 TO_PREDICT = "row_to_predict"  # the place of a row that a report predicts
 _SHOWN_ROWS = 6  # rows that a message names
-_OWN = ("reading_place", TO_PREDICT)  # columns that no file has
+_OWN = (PLACE, TO_PREDICT)  # columns that no file has
 
 
 class MisfitError(DataError):

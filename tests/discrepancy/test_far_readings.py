@@ -9,7 +9,7 @@ from calibench.bench.discovery.page.words import gap_sentence, headline
 from calibench.core.notes import Code
 from calibench.discrepancy import MeasuredData, Report, explain
 from calibench.discrepancy.diagnostics.far_readings import pattern_of, standing_rows
-from calibench.discrepancy.fitting.fit import PLACE
+from calibench.discrepancy.model.measured import PLACE
 from tests.discrepancy.arm import Arm, readings
 from tests.discrepancy.test_repeats import _Gantry, _read_from_both_sides
 from tests.few import few

@@ -17,8 +17,7 @@ from calibench.discrepancy import Constraints, Joint, MeasuredData, Roles, expla
 from calibench.discrepancy.diagnostics.score import signatures
 from calibench.discrepancy.diagnostics.smooth_term import products
 from calibench.discrepancy.fitting.fit import fit, thinned
-from calibench.discrepancy.formula.effect import FormulaEffect
-from calibench.discrepancy.formula.grammar import Atom, Run, Term, lag, play, side, slip
+from calibench.discrepancy.formula.grammar import Atom, FormulaEffect, Run, Term, lag, play, side, slip
 from calibench.discrepancy.formula.search import _Search
 from calibench.discrepancy.registries import effects
 from calibench.discrepancy.report import Report

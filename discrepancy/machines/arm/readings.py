@@ -24,14 +24,14 @@ from calibench.calibration.walk import GRAVITY, READING, TURNS, moments, torques
 from calibench.core.notes import Code, Note, once
 from calibench.core.options import suggest
 from calibench.discrepancy.checks.validate import entered
-from calibench.discrepancy.model.measured import TO_PREDICT, DataError, MeasuredData
+from calibench.discrepancy.model.measured import PLACE, TO_PREDICT, DataError, MeasuredData
 
 ROW = "row"
 MIDDLE = "temperature_middle"  # in the metadata: what `WARMTH` counts from
 _KEPT = ("pose_id", "visit_id", "split", SOCKET, SITE, PAYLOAD)  # as the file has them
 _OF_A_JOINT = tuple(f"{quantity}_" for quantity in arm_columns.OF_A_JOINT)
 TARGET_NUMBER = "target_number"  # of each row, 0 the one that is read most
-_OURS = ("reading_place", TARGET_NUMBER)  # columns that no file has
+_OURS = (PLACE, TARGET_NUMBER)  # columns that no file has
 _MOVED = 1e-6  # rad or mm: a smaller change is no move
 _TIMES = 0.5  # part of the rows with a time of their own, which a clock needs to tell their order
 

@@ -416,8 +416,15 @@ class LocalModel:
                 middle = self._inward(v, here, radii[0] * v.width)
                 inputs, p = _varied(v, inputs, p, middle - here + radius * v.width)
             asked.append((inputs, p))
+        each = np.array([p for _, p in asked])
+        same = bool((each == each[0]).all())
         try:
-            answers = np.stack(self._asked_at_once(asked))
+            if self.independent and (same or self.takes_rows):  # all in one call
+                each = each[0] if same else np.repeat(each, [len(u) for u, _ in asked], axis=0)
+                [whole] = self.caller.ask([(np.concatenate([u for u, _ in asked]), each)])
+                answers = np.stack(np.split(whole, len(asked)))
+            else:
+                answers = np.stack(self.caller.ask(asked))
         except DataError:  # whatever a simulator does where it is not at home
             return np.zeros((len(radii) - 1, m)), np.zeros(m)
         odd = answers[::2] - answers[1::2]
@@ -428,16 +435,6 @@ class LocalModel:
         known = np.where(self.noise > _LOUD * most, self.noise, 0.0)
         found = np.maximum(known, np.where(stays.any(axis=0), first, 0.0))
         return levels, found * np.isfinite(levels).all()
-
-    def _asked_at_once(self, asked: Sequence[tuple[Array, Array]]) -> Sequence[Array]:
-        """Return the answers to questions of a few rows each, in one call where the simulator takes them so."""
-        parameters = np.array([p for _, p in asked])
-        same = bool((parameters == parameters[0]).all())
-        if not (self.independent and (same or self.takes_rows)):
-            return self.caller.ask(asked)
-        each = parameters[0] if same else np.repeat(parameters, [len(u) for u, _ in asked], axis=0)
-        [answers] = self.caller.ask([(np.concatenate([u for u, _ in asked]), each)])
-        return np.split(answers, len(asked))
 
     def _spread(self) -> Array:
         """Return the noise of the readings, or where nobody states it a twentieth of an output's range, (m,)."""
