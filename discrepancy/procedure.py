@@ -12,18 +12,8 @@ from calibench.core.notes import Code, Note
 from calibench.core.process import one_thread
 from calibench.discrepancy import report as reports
 from calibench.discrepancy.checks.validate import Asked, refuse_unused, validate
+from calibench.discrepancy.diagnostics import noise as noises
 from calibench.discrepancy.diagnostics.far_readings import Pattern, Standing, standing_out
-from calibench.discrepancy.diagnostics.noise import (
-    beside_outlying,
-    carried,
-    law_at,
-    learned_beside,
-    noise_at,
-    outliers_under,
-    outlying_untold,
-    rows_far_off,
-    sound_fit,
-)
 from calibench.discrepancy.diagnostics.score import smallest_amplitude, uncancelled
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, joint_terms, smooth_columns, smooth_terms
 from calibench.discrepancy.effects import catalogue
@@ -136,7 +126,7 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
     if verdict in ("none", "noise"):
         untold = any(map(np.ndim, base.noise.extra.values())) and all(s.family == "outlier" for s in suspects)
         if standing is None and (untold or _is_large(final, gap, unseen, suspects, None)):
-            standing = rows_far_off(base, whole.on(whole.data.with_columns(smooth_columns(whole, base.x))))
+            standing = noises.rows_far_off(base, whole.on(whole.data.with_columns(smooth_columns(whole, base.x))))
         # a burst of noise ends: what goes on to an end of the run, some rows long, may be there still
         ends = {*whole.data.row_numbers[[0, -1]].tolist()}
         lasts = standing is not None and any(len(run) > 2 and ends & {*run} for run in standing.runs)
@@ -278,8 +268,8 @@ def calibrated(whole: Formulation, rows: NDArray[np.bool_]) -> Calibrated:
     if lacking and notes_of_fit:  # the parameters that led the fit away from the nominal machine may be held now
         plain, notes_of_fit = fit_from_several(fitted)
     whole = Held(whole, frozenset(u.name for u in lacking)) if lacking else whole
-    sound, suspects, no_noise, misstated = sound_fit(plain)
-    noise, notes_of_noise = noise_at(sound, suspects, whole)
+    sound, suspects, no_noise, misstated = noises.sound_fit(plain)
+    noise, notes_of_noise = noises.noise_at(sound, suspects, whole)
     base = sound if noise == sound.noise else fit(Model(plain.model.formulation), noise, sound.x, about=sound)
     # the columns of the smooth terms, which no constraint reads
     columns = smooth_columns(base.at.model.formulation, base.x)
@@ -377,7 +367,7 @@ def _selected(
     found = select_stepwise(base, candidates, terms, rng, level)
     # noise that is carried on looks like errors over the time; where as much as may be explains the alarm, it is none
     untold = found.alarm and base.noise.profiled and not base.noise.autocorrelation
-    for share in carried(found.fit) if untold else ():
+    for share in noises.carried(found.fit) if untold else ():
         there = fit(model, replace(base.noise, autocorrelation=share), base.x)
         if is_calm(there, candidates, terms, rng, level):
             calm = select_stepwise(there, candidates, terms, rng, level)
@@ -385,8 +375,8 @@ def _selected(
             return calm, there, suspects, (*notes, Note(Code.NOISE_CARRIED, text, values={"part": share}))
     # a misfit that readings far off explain by themselves, wherever they are, is none of the machine
     far = base.noise.profiled and not found.sets and judge(found, base, terms, suspects, level)[0] == "unknown"
-    if outside := outlying_untold(base) if far else ():
-        there = beside_outlying(base, outside)
+    if outside := noises.outlying_untold(base) if far else ():
+        there = noises.beside_outlying(base, outside)
         if is_calm(there, candidates, terms, rng, level):
             parts = {sensor.part for sensor in blamable(model.formulation.sensors)}
             suspects = (*suspects, *(one for one in outside if one.target in parts))
@@ -394,14 +384,14 @@ def _selected(
     # repeats that were approached from both sides differ by the play of a joint, which looks like wild readings: a
     # suspect that has less than one such reading beside the effects is cleared
     at, wild = found.fit, [s for s in suspects if s.family == "outlier"] if found.sets else []
-    cleared = [s for s in wild if float(outliers_under(at.model, at.x, s.target).weights.sum()) < 1.0]
+    cleared = [s for s in wild if float(noises.outliers_under(at.model, at.x, s.target).weights.sum()) < 1.0]
     if cleared:
         suspects = tuple(s for s in suspects if s not in cleared)
         extra = dict(base.noise.extra)
         for name, variance in (item for suspect in cleared for item in suspect.extra.items()):
             extra[name] = extra[name] - variance
         extra = {name: variance for name, variance in extra.items() if np.any(variance)}
-        law, _, notes = law_at(fit(at.model, Noise(extra=extra), at.x))
+        law, _, notes = noises.law_at(fit(at.model, Noise(extra=extra), at.x))
         noise = replace(law, extra=extra, profiled=law.profiled or base.noise.profiled)
         base = fit(model, noise, base.x)
         found = select_stepwise(base, candidates, terms, rng, level)
@@ -413,7 +403,7 @@ def _selected(
         verdict, _, standing = judge(found, base, terms, suspects, level, doubts=False)
         if verdict == "unknown" or not found.sets or found.fit.exact:
             break
-        formulation, noise, notes_now = learned_beside(standing.fit, suspects)
+        formulation, noise, notes_now = noises.learned_beside(standing.fit, suspects)
         at = fit(Model(formulation), noise, base.x)
         again = select_stepwise(at, candidates, terms, rng, level) if at.converged else None
         if again is None or not again.sets:
@@ -431,7 +421,7 @@ def _relearned(found: Selection, noise: Noise) -> tuple[Noise, tuple[Note, ...]]
     if not found.sets or noise.autocorrelation > 0 or as_stated:
         return None
     at = fit(found.fit.model, Noise(extra=noise.extra), found.fit.x)
-    law, _, notes = law_at(at)
+    law, _, notes = noises.law_at(at)
     calmer = noise.scale > 1 and law.scale < current_thresholds().calmer * noise.scale
     thinner = np.isfinite(noise.t_degrees) and not np.isfinite(law.t_degrees)
     if calmer or (thinner and law.scale <= max(noise.scale, 1.0)):  # a wider law would absorb what was found

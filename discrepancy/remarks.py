@@ -81,14 +81,15 @@ def notes_of(search: Search, given: Iterable[Note]) -> tuple[Note, ...]:
             "machine, is each column under its own name, and is each row of one reading?"
         )
         notes.append(Note(Code.FAR_FROM_MODEL, text))
-    if search.findings and (lone := search.lone) is not None:
-        reading, names, rows = _told_of(lone.unseen, lone.row)
+    if search.findings and search.lone is not None:
+        unseen, row, times = search.lone
+        reading, names, rows = _told_of(unseen, row)
         text = (
             f"one reading ({reading}) makes most of the error of the readings that were not fitted: without it what "
-            f"was added brings that error to {plain(lone.times, 2)} times what it was; was it misread, or is no other "
+            f"was added brings that error to {plain(times, 2)} times what it was; was it misread, or is no other "
             "reading near it?"
         )
-        notes.append(Note(Code.ONE_UNSEEN, text, names, rows, {"times": lone.times}))
+        notes.append(Note(Code.ONE_UNSEEN, text, names, rows, {"times": times}))
     notes += (*given, *_on_the_readings(search), *on_the_findings(search))
     columns, first = roles_of(formulation).columns, search.selection.first
     if columns and not measured_columns(formulation):

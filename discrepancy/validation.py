@@ -5,8 +5,7 @@ the calibrated parameters. Where nothing is held out, each fold is predicted by 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import final
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +28,8 @@ _MOST = 0.75  # of the sum of squares: without the reading the error is less tha
 _FEW = 8  # readings: of fewer, one is more than an eighth of them all
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Lone:
-    """The row of unseen readings that makes most of their error: without it the error is `times` what it was before."""
-
-    unseen: Formulation
-    row: int
-    times: float
+# unseen readings, the row that makes most of their error, and how many times what it was before the error is without it
+Lone = tuple[Formulation, int, float]
 
 
 def gap_of(
@@ -130,7 +123,7 @@ def _lone(before: Array, after: Array, unseen: Formulation) -> Lone | None:
     if len(squares) < _FEW or not squares[k] > _MOST * squares.sum():
         return None
     others = np.arange(len(squares)) != k
-    return Lone(unseen, k, root(after[others]) / root(before[others]))
+    return unseen, k, root(after[others]) / root(before[others])
 
 
 def _floor(

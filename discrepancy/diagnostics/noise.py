@@ -25,7 +25,7 @@ from calibench.discrepancy.model.model import Model, relearned, told_by_middle
 from calibench.discrepancy.model.roles import inputs_of, unknown_noise_of
 from calibench.discrepancy.noise import laws
 from calibench.discrepancy.noise.laws import NoiseFinding, mixture
-from calibench.discrepancy.noise.repeats import TAILS, Repeats, law_of, pairs_of, variance
+from calibench.discrepancy.noise.repeats import TAILS, law_of, pairs_of, variance
 from calibench.discrepancy.noise.whiten import ROUNDING, Noise
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
@@ -298,8 +298,8 @@ def sound_fit(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[Pattern,
     return at, (*suspects, *outside), no_noise, notes if stated else ()
 
 
-def law_at(at: Fit) -> tuple[Noise, Repeats, tuple[Note, ...]]:
-    """Return the law of the noise that repeats show in what a fit leaves, the repeats, and remarks on it."""
+def law_at(at: Fit) -> tuple[Noise, int, tuple[Note, ...]]:
+    """Return the law of the noise that repeats show in what a fit leaves, their number, and remarks on it."""
     formulation = at.model.formulation
     stated = len(unknown_noise_of(formulation)) < len(formulation.readings)
     return law_of(at.r.reshape(len(formulation.data), -1), formulation.data, stated)
@@ -315,7 +315,7 @@ def noise_at(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) -
         noise, remarks = Noise(), ()  # coarse readings repeat the same value, so repeats tell nothing about their noise
     noise = replace(noise, extra=sound.noise.extra)
     if unknown and (len(unknown) < len(whole.readings) or not noise.from_repeats):
-        behind = max(len(unknown) * told_by_middle(len(data), sound.J.shape[1] / len(whole.readings)), repeats.n_pairs)
+        behind = max(len(unknown) * told_by_middle(len(data), sound.J.shape[1] / len(whole.readings)), repeats)
         noise = replace(noise, profiled=True, known=min(noise.known, behind))
     return noise, remarks
 

@@ -403,9 +403,7 @@ class ChangePoint:
         unit = {"t_s": "s", IN_ROWS: IN_ROWS}.get(self.clock, "")
         vars(self).update(unit=self.units[0], columns=(self.clock,), begins=self.at, begins_unit=unit)
 
-    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        after = data[self.clock] >= self.at
-        return {name: one * after * c[k] for k, (name, one) in enumerate(zip(self.quantities, self.ones, strict=True))}
+    shift = linear_shift
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         after, units = data[self.clock] >= self.at, np.diag(self.ones)

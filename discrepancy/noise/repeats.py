@@ -5,8 +5,7 @@ of one pose some time apart are free of that, but they also differ by whatever c
 and visits as stated, the noise is correlated (AR(1)); if both scatter less, or both more, the statement is wrong.
 """
 
-from dataclasses import dataclass, replace
-from typing import final
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtrc, fdtrc
@@ -22,17 +21,6 @@ _CARRIED = 0.8  # of the noise at most, from one reading to the next
 TAILS = (3.0, 4.0, 6.0, 10.0)  # tried besides the Gaussian
 
 
-@final
-@dataclass(frozen=True)
-class Repeats:
-    """Half the mean squares of whitened differences: of `pairs` back to back and of `visits`; and their numbers."""
-
-    pairs: float
-    n_pairs: int
-    visits: float
-    n_visits: int
-
-
 def pairs_of(data: MeasuredData) -> tuple[Array, Array]:
     """Return the rows of readings that follow each other within a visit, two arrays (m,); empty without repeats."""
     if not data.has("visit_id"):
@@ -43,8 +31,8 @@ def pairs_of(data: MeasuredData) -> tuple[Array, Array]:
     return order[:-1][same], order[1:][same]
 
 
-def law_of(r: Array, data: MeasuredData, stated: bool = True) -> tuple[Noise, Repeats, tuple[Note, ...]]:
-    """Return the law of the noise behind residuals whitened by the stated one, (n, c), with the repeats and remarks.
+def law_of(r: Array, data: MeasuredData, stated: bool = True) -> tuple[Noise, int, tuple[Note, ...]]:
+    """Return the law of the noise behind residuals whitened by the stated one, (n, c), the number of repeats, remarks.
 
     The stated noise is kept unless repeats contradict it. Where it is not `stated` but a first estimate, repeats alone
     tell it: pairs that scatter less are then no sign that noise is carried on.
@@ -56,25 +44,21 @@ def law_of(r: Array, data: MeasuredData, stated: bool = True) -> tuple[Noise, Re
         pose, visit = np.asarray(data["pose_id"])[order], np.asarray(data["visit_id"])[order]
         cut = (pose[1:] == pose[:-1]) & (visit[1:] != visit[:-1])
         last, again = order[:-1][cut], order[1:][cut]
-    squares = [
-        float(np.mean((r[one] - r[other]) ** 2) / 2) if len(one) else np.nan
-        for one, other in ((first, second), (last, again))
-    ]
+    visited = float(np.mean((r[last] - r[again]) ** 2) / 2) if len(last) else np.nan
     n, n_visits = len(first) * r.shape[1], len(last) * r.shape[1]
-    repeats = Repeats(squares[0], n, squares[1], n_visits)
     if n < t.repeat_pairs:
         few = f"{n} difference{'s' * (n > 1)} between readings where {t.repeat_pairs} are needed"
         why = f"repeats are too few to tell the noise, {few}" if n else "no repeats tell the noise"
-        return Noise(profiled=True), repeats, (Note(Code.NO_REPEATS, f"{why}: {_FOR_ANY}", values={"pairs": n}),)
+        return Noise(profiled=True), n, (Note(Code.NO_REPEATS, f"{why}: {_FOR_ANY}", values={"pairs": n}),)
     difference = (r[first] - r[second]).ravel() / np.sqrt(2)
     if np.all(np.abs(difference) <= ROUNDING):
-        if n_visits and repeats.visits <= ROUNDING**2:
+        if n_visits and visited <= ROUNDING**2:
             text = "repeats are the same in all digits: they tell nothing of the noise"
-            return Noise(), repeats, (Note(Code.REPEATS_EQUAL, text),)
-        return Noise(1.0, _CARRIED), repeats, (_quieter(0.0, repeats),)  # visits that differ carry on the noise
+            return Noise(), n, (Note(Code.REPEATS_EQUAL, text),)
+        return Noise(1.0, _CARRIED), n, (_quieter(0.0, n_visits),)  # visits that differ carry on the noise
     if not stated and np.median(np.abs(difference)) <= ROUNDING:
         text = "repeats are mostly the same number: they tell nothing of the noise"
-        return Noise(profiled=True), repeats, (Note(Code.REPEATS_EQUAL, text),)
+        return Noise(profiled=True), n, (Note(Code.REPEATS_EQUAL, text),)
     # the degrees of freedom of the t law that fits single readings, from differences of two over root 2
     gaussian = Noise(float(np.sqrt(np.mean(difference**2))))
     t_degrees, likely = np.inf, t.tails_gain + 2 * gaussian.loglikelihood(difference)
@@ -86,13 +70,13 @@ def law_of(r: Array, data: MeasuredData, stated: bool = True) -> tuple[Noise, Re
     width = np.sqrt((2 if not np.isfinite(t_degrees) else 5) / n)
     if stated and spread < 1 - 2 * width:
         # visits that scatter as stated, and not as little as pairs do, tell that the noise is correlated
-        carried = n_visits < t.repeat_pairs or repeats.visits >= 1
+        carried = n_visits < t.repeat_pairs or visited >= 1
         if not carried:
-            gain = n_visits * (repeats.visits / spread - repeats.visits + np.log(spread))
+            gain = n_visits * (visited / spread - visited + np.log(spread))
             carried = bool(gain > -t.statement_doubt)
         if carried:
-            return Noise(1.0, float(min(1 - spread, _CARRIED))), repeats, (_quieter(spread, repeats),)
-        return _estimated(spread, t_degrees, n), repeats, _misstated(spread)
+            return Noise(1.0, float(min(1 - spread, _CARRIED))), n, (_quieter(spread, n_visits),)
+        return _estimated(spread, t_degrees, n), n, _misstated(spread)
     useless = not stated or spread > t.statement_useless
     if useless and n_visits >= t.repeat_pairs:
         visits = variance((r[last] - r[again]).ravel() / np.sqrt(2), t_degrees)
@@ -102,16 +86,16 @@ def law_of(r: Array, data: MeasuredData, stated: bool = True) -> tuple[Noise, Re
             text = f"visits scatter more: {100 * part:.0f} % of the noise is taken to be carried on"
             more = Note(Code.NOISE_CARRIED, text, values={"part": part})
             law = replace(_estimated(visits, np.inf, n_visits), autocorrelation=part)
-            return law, repeats, (*(_misstated(visits) if stated else ()), more)
+            return law, n, (*(_misstated(visits) if stated else ()), more)
     if not stated:
-        return _estimated(spread, t_degrees, n), repeats, ()
+        return _estimated(spread, t_degrees, n), n, ()
     if spread > 1 + 3 * width:
-        return _estimated(spread, t_degrees, n), repeats, _misstated(spread)
+        return _estimated(spread, t_degrees, n), n, _misstated(spread)
     if np.isfinite(t_degrees):  # the tests rest on the core, and only the repeats tell it
         text = f"the noise has heavier tails than a Gaussian: as of a t law of {t_degrees:g} degrees of freedom"
         heavier = Note(Code.HEAVY_TAILS, text, values={"t_degrees": t_degrees})
-        return _estimated(spread, t_degrees, n), repeats, (heavier,)
-    return Noise(), repeats, ()
+        return _estimated(spread, t_degrees, n), n, (heavier,)
+    return Noise(), n, ()
 
 
 def _estimated(variance: float, t_degrees: float, known: int) -> Noise:
@@ -119,11 +103,11 @@ def _estimated(variance: float, t_degrees: float, known: int) -> Noise:
     return Noise(float(np.sqrt(variance)), 0.0, t_degrees, known, from_repeats=True)
 
 
-def _quieter(spread: float, repeats: Repeats) -> Note:
+def _quieter(spread: float, n_visits: int) -> Note:
     """Return a note for pairs that scatter less than stated, where the statement may still be right."""
     shown = f"repeats show {np.sqrt(spread):.2f} times the stated noise"
     part = f"{100 * (1 - spread):.0f} %"
-    if repeats.n_visits < thresholds().repeat_pairs:
+    if n_visits < thresholds().repeat_pairs:
         text = (
             f"{shown}: the noise is smaller than stated, or {part} of it is carried on from one reading to the next; "
             "the second is assumed, for no pose was read again later; where the first is true, state the smaller noise"

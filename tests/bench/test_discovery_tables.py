@@ -14,7 +14,7 @@ from benchmarks.blind.orthoglide import case
 from calibench import discrepancy
 from calibench.bench.discovery.page.figures import candidate_chart, gap_chart, residual_chart, where_map, workspace_map
 from calibench.bench.discovery.page.page import Page, parameter_table, score_table, set_table, smallest, untested_lines
-from calibench.bench.discovery.page.shown import Residuals, Workspace, series_of
+from calibench.bench.discovery.page.shown import Residuals, series_of
 from calibench.bench.discovery.page.words import column_sentence, headline, next_sentences
 from calibench.bench.report.shared.page import macros
 from calibench.discrepancy.labels import effect_label
@@ -282,7 +282,7 @@ def test_no_dot_is_cut_off_without_a_mark():
 
 def test_a_region_without_readings_is_not_one_without_residual():
     rng = np.random.default_rng(2)
-    figure, _ = workspace_map(Workspace(*rng.uniform(size=(2, 100)), rng.normal(size=100)))
+    figure, _ = workspace_map(*rng.uniform(size=(2, 100)), rng.normal(size=100))
     assert figure.axes[0].get_facecolor()[:3] != (1.0, 1.0, 1.0)
 
 

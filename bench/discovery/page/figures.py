@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.special import erfc
 
-from calibench.bench.discovery.page.shown import Residuals, Shown, Workspace
+from calibench.bench.discovery.page.shown import Residuals, Shown
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, axes_in, figure_of, save
 from calibench.core.words import plain
 from calibench.discrepancy.labels import NO_WORDS, effect_label, quantity_label, quantity_of
@@ -81,12 +81,12 @@ def where_map(machine: str, where: Sequence[Place], words: Mapping[str, str] = N
     return figure_of(axes), table[["target", "covariate", "p", "strength"]]
 
 
-def workspace_map(workspace: Workspace) -> Drawing:
+def workspace_map(x: Array, y: Array, residual: Array) -> Drawing:
     """Draw the whitened residual of the model without an effect over the workspace: mean of each small region."""
-    size = min(14, max(4, int(np.sqrt(len(workspace.x) / 6))))
-    edges = [np.linspace(v.min(), v.max() + 1e-9, size + 1) for v in (workspace.x, workspace.y)]
-    column, row = (np.clip(np.digitize(v, e) - 1, 0, size - 1) for v, e in zip((workspace.x, workspace.y), edges))
-    regions = pd.DataFrame({"row": row, "column": column, "residual": workspace.residual}).groupby(["row", "column"])
+    size = min(14, max(4, int(np.sqrt(len(x) / 6))))
+    edges = [np.linspace(v.min(), v.max() + 1e-9, size + 1) for v in (x, y)]
+    column, row = (np.clip(np.digitize(v, e) - 1, 0, size - 1) for v, e in zip((x, y), edges))
+    regions = pd.DataFrame({"row": row, "column": column, "residual": residual}).groupby(["row", "column"])
     table = regions["residual"].agg(["mean", "size"]).reset_index()
     table["strength"] = table["mean"] * np.sqrt(table["size"])  # a mean of noise alone has standard deviation 1
     table["x"] = ((edges[0][:-1] + edges[0][1:]) / 2)[table["column"]]

@@ -43,8 +43,8 @@ def shown_by(report: Report, series: Series) -> Iterator[Shown]:
     machine = report.machine
     if report.where:
         yield Shown("where", "where_map", (machine, report.where, report.words))
-    if series.workspace is not None:
-        yield Shown("workspace", "workspace_map", (series.workspace,))
+    if series.workspace:
+        yield Shown("workspace", "workspace_map", series.workspace)
     if series.candidates:
         yield Shown("candidates", "candidate_chart", (machine, series.candidates))
     for number, residuals in enumerate(series.residuals, start=1):
@@ -116,23 +116,14 @@ class Residuals:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Workspace:
-    """Where the tool stood [mm] and the whitened residual without an effect, (n,) each."""
-
-    x: Array
-    y: Array
-    residual: Array
-
-
-@final
-@dataclass(frozen=True, eq=False)
 class Series:
-    """`candidates`: columns effect, family, target, gain, p, visible_fraction, in_set, chosen, or none. `workspace` is
-    None where there is none to draw."""
+    """`candidates`: columns effect, family, target, gain, p, visible_fraction, in_set, chosen, or none. `workspace`:
+    where the tool stood, x and y [mm], and the whitened residual without an effect, (n,) each; () where none is told.
+    """
 
     candidates: Mapping[str, Sequence[Any]]
     residuals: tuple[Residuals, ...] = ()
-    workspace: Workspace | None = None
+    workspace: tuple[Array, ...] = ()
 
 
 def series_of(report: Report) -> Series:
@@ -150,14 +141,15 @@ def series_of(report: Report) -> Series:
     if any(each.effect.family == "smooth" for each in implied):  # one correction, however many curves
         charts = list({(chart.label, chart.error): chart for chart in reversed(charts)}.values())[::-1]
 
-    fit, workspace = report.before.fit, None
+    fit = report.before.fit
+    workspace: tuple[Array, ...] = ()
     place = fit.model.formulation.covariates(fit.at.recorded).get(WORKSPACE, {})
     if {"x", "y"} <= set(place):
         n, c = fit.at.misclosure.shape
         residual = fit.r.reshape(n, c).sum(axis=1) / (np.sqrt(c) * fit.noise.scale)
         x, y = np.asarray(place["x"]), np.asarray(place["y"])
         there = np.isfinite(x) & np.isfinite(y)  # readings of another kind, of two places, have none
-        workspace = Workspace(x[there], y[there], residual[there])
+        workspace = x[there], y[there], residual[there]
     return Series(table if report.candidates else {}, tuple(charts), workspace)
 
 
