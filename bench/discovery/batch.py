@@ -10,7 +10,7 @@ import os
 import shlex
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -41,7 +41,7 @@ from calibench.core.tables.columns import is_table
 from calibench.core.words import one_line, print_plain
 from calibench.discrepancy.checks.validate import refuse_no_machine
 from calibench.discrepancy.design.detectability import Design, design
-from calibench.discrepancy.design.next_poses import NextPoses, NoPool, UnknownRival, next_poses
+from calibench.discrepancy.design.next_poses import NextPoses, NoPoses, next_poses
 from calibench.discrepancy.fitting.journal import keeping_steps
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.machine import Completed, Machine
@@ -409,16 +409,17 @@ def _between(
 ) -> tuple[str, str] | None:
     """Return what would separate two rivals: the means, and a remark on it."""
     try:
-        here = _asked(machine, data, rivals, size)
+        here = next_poses(machine, data, rivals, _POSES, size)
+    except NoPoses:
+        return None
     except DataError as error:
         return "no further readings could be planned that tell", f" ({error})"
-    if here is None:
-        return None
-    there = None if completed is None else _asked(machine, completed.data, rivals, size)
-    now = here.separation[0]
-    if completed is not None and there is not None and there.separation[0] > max(_APART, 1.5 * now):
-        reach = f" (from {now:.1f} to {there.separation[0]:.1f} {_UNIT} apart)"
-        return f"{completed.words} would tell", reach
+    now, there = here.separation[0], 0.0
+    if completed is not None:
+        with suppress(NoPoses):
+            there = next_poses(machine, completed.data, rivals, _POSES, size).separation[0]
+        if there > max(_APART, 1.5 * now):
+            return f"{completed.words} would tell", f" (from {now:.1f} to {there:.1f} {_UNIT} apart)"
     if not here.helps:
         return None
     gained = (here.separation[-1] ** 2 - now**2) / _POSES  # sigma^2 a reading
@@ -428,14 +429,6 @@ def _between(
     places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in here.positions)
     means = f"about {needed} more readings, at places such as {places} mm, would tell"
     return means, f" (now {now:.1f} {_UNIT} apart)"
-
-
-def _asked(machine: Machine, data: MeasuredData, rivals: list[str], size: float) -> NextPoses | None:
-    """Return the next poses, or None where none can be proposed: another machine, or a rival that moves no mean."""
-    try:
-        return next_poses(machine, data, rivals, _POSES, size)
-    except (NoPool, UnknownRival):
-        return None
 
 
 Readings = str | Path | MeasuredData | Mapping[str, Any]  # of columns by name, as a DataFrame has them

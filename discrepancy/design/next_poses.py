@@ -26,12 +26,8 @@ from calibench.problems.base import Array
 _HELPS = 0.05  # sigma: what readings gain less than that is rounding, or the curvature between twins
 
 
-class NoPool(ValueError):
-    """Raised where no candidate readings can be computed for a machine."""
-
-
-class UnknownRival(ValueError):
-    """Raised for a rival that is not a candidate of these data: it changes no mean, or the data cannot test it."""
+class NoPoses(ValueError):
+    """Raised where a machine has no readings to choose from, or a rival changes no mean that these data can test."""
 
 
 @final
@@ -81,13 +77,13 @@ def next_poses(
         raise ValueError(f"rivals={list(rivals)}: two or more different names are needed")
     for name in rivals:
         if name not in forms:
-            raise UnknownRival(f"rivals: {name!r} is not among what these data can test; {suggest(name, forms)}")
+            raise NoPoses(f"rivals: {name!r} is not among what these data can test; {suggest(name, forms)}")
     effects = [forms[name][len(forms[name]) // 2] for name in rivals]  # of several places the middle one
     here = WhitenedDesign(formulation, calibrated(formulation))
     if pool is None:
         make = description_of(formulation.data.machine).pool
         if make is None:
-            raise NoPool(
+            raise NoPoses(
                 f"machine={made.name}: no readings can be made up for it; in Python, next_poses(..., pool=readings) of "
                 "calibench.discrepancy.design.next_poses chooses among those that you hand it: MeasuredData in the "
                 "machine's own units, with the measured columns as they are foretold for each"

@@ -11,7 +11,7 @@ from scipy.stats import chi2, ncx2
 from calibench.bench.measured.sources import sources
 from calibench.discrepancy import explain, machines
 from calibench.discrepancy.design.detectability import WhitenedDesign, design
-from calibench.discrepancy.design.next_poses import NoPool, next_poses
+from calibench.discrepancy.design.next_poses import NoPoses, next_poses
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.machines.gpm2002.description import planned
 from calibench.discrepancy.machines.table import Table
@@ -228,7 +228,7 @@ def test_readings_of_a_machine_without_a_map_of_its_workspace_are_chosen_from_th
         return MeasuredData({"u": u, "y": np.zeros(len(u))}, "table", {}, "made")
 
     machine, rivals = Table(model="line", inputs=("u",), sigma=0.05), ["power u squared", "power u cubed"]
-    with pytest.raises(NoPool, match=r"pool=readings"):
+    with pytest.raises(NoPoses, match=r"pool=readings"):
         next_poses(machine, table(np.linspace(0, 3, 30)), rivals, k=2)
     told = next_poses(machine, table(np.linspace(0, 3, 30)), rivals, k=2, pool=table(np.linspace(0, 9, 19)))
     assert told.positions.shape == (2, 0)
