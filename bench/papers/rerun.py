@@ -173,10 +173,11 @@ def write_reference(rows: Sequence[Row], evidence: Sequence[Evidence], asked: st
                 written.append(home / f"{name}.csv")
                 table.to_csv(written[-1], index=False)
             wanted = {name: name for name in to_draw} | {f"{name}_{_OWN_GAUGE}": name for name in to_draw}
-            drawn = figures.study_figures(runs, traces, list(wanted), ADDITIONS) if to_draw else ()
-            for full_name, drawing in list(drawn):
+            for full_name, draw in list(figures.drawable(runs, traces, ADDITIONS)) if to_draw else ():
+                if full_name not in wanted:
+                    continue
                 to_draw.remove(wanted[full_name])
-                svg, png, numbers = save(wanted[full_name], drawing, home / "figures")
+                svg, png, numbers = save(wanted[full_name], draw(), home / "figures")
                 svg.unlink()  # it is larger than all the rest, and drawn again from the rows
                 numbers.unlink()
                 written.append(png)

@@ -115,11 +115,7 @@ def read_source(source: Source, problem: str | None = None, traces: pd.DataFrame
         ways = (titles == problem, names == problem, names.str.rpartition(":")[2] == problem)
         mine = next((way for way in ways if way.any()), None)  # what the page calls it comes before shorter names
         if mine is None:
-            raise ValueError(f"problem={problem!r}: there is none; {choice_of(titles, problem)}")
+            near = suggest(problem, dict.fromkeys(titles))
+            raise ValueError(f"problem={problem!r}: there is none; problem= takes one of them; {near}")
         runs = runs[mine]
     return Runs(runs, every, of if traces is None else traces)
-
-
-def choice_of(titles: pd.Series, name: str = "") -> str:
-    """Return what `problem` may be, with what is near `name`."""
-    return f"problem= takes one of them; {suggest(name, dict.fromkeys(titles))}"

@@ -9,13 +9,14 @@ from typing import Generic, ParamSpec, Protocol, cast
 import pandas as pd
 from matplotlib.axes import Axes
 
-from calibench.bench.report.from_python import Source, choice_of, read_source
+from calibench.bench.report.from_python import Source, read_source
 from calibench.bench.report.shared.drawing import axes_in, entitle, explain_lines, figure_of, put_legend
 from calibench.bench.report.study import figures
 from calibench.bench.statistics.names import method_labels, problem_titles
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.statistics.ranking import blocks_of, friedman, looks_of
 from calibench.bench.statistics.summary import method_names
+from calibench.core.options import suggest
 from calibench.core.words import counted
 
 Draw = ParamSpec("Draw")
@@ -64,7 +65,8 @@ def convergence(
     chosen = read_source(source, problem, traces)
     titles = problem_titles(chosen.runs)
     if titles.nunique() > 1:
-        raise ValueError(f"convergence draws one problem, and there are {titles.nunique()}: {choice_of(titles)}")
+        choice = f"problem= takes one of them; {suggest('', dict.fromkeys(titles))}"
+        raise ValueError(f"convergence draws one problem, and there are {titles.nunique()}: {choice}")
     runs = chosen.with_looks().assign(method=method_labels(chosen.runs))
     named = figures.named_methods(runs)
     drawn = figures.convergence_bands(runs, chosen.traces())

@@ -14,7 +14,7 @@ from calibench.bench.papers import ADDITIONS
 from calibench.bench.papers.rerun import PAPERS
 from calibench.bench.report.shared.kept import RECORD
 from calibench.bench.report.study.additions import AddedFigure, Addition, Mark, PrintedTable, TableSection
-from calibench.bench.report.study.figures import study_figures, target_chart
+from calibench.bench.report.study.figures import drawable, target_chart
 from calibench.bench.report.study.write import write_report
 from calibench.bench.store.runs import ResultStore
 
@@ -117,7 +117,7 @@ def test_what_a_report_has_no_more_goes_and_a_file_of_ones_own_stays(store, code
 
 def test_without_additions_a_report_shows_the_runs_alone(store):
     runs, traces = store.runs(), store.traces()
-    assert {name.partition("_")[0] for name, _ in study_figures(runs, traces)} == {"convergence", "target"}
+    assert {name.partition("_")[0] for name, _ in drawable(runs, traces)} == {"convergence", "target"}
     for marks in ((), (Mark(7, "a stop"),)):
         lines = target_chart(runs, marks=marks)[0].axes[0].get_lines()
         assert ([7, 7] in [list(line.get_xdata()) for line in lines]) is bool(marks)

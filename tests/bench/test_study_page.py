@@ -13,7 +13,7 @@ import pytest
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.papers import ADDITIONS
-from calibench.bench.report.shared.page import inline_svg, rounded
+from calibench.bench.report.shared.page import drawing_inside
 from calibench.bench.report.study.html_tables import by_error, count, number, ranked
 from calibench.bench.report.study.page import StudyPage
 from calibench.bench.report.study.write import write_report
@@ -212,7 +212,8 @@ def test_numbers_are_short_and_counts_are_apart():
     assert (number(1.234e-9), count(1234567.0), count(float("inf"))) == ("1.2e-09", "1\u202f234\u202f567", "–")
 
 
-def test_drawings_lose_digits_that_no_eye_sees_and_no_word_of_theirs():
+def test_drawings_lose_digits_that_no_eye_sees_and_no_word_of_theirs(tmp_path):
     svg = '<svg x="1"><path id="a" d="M 1.23456 2"/><text x="9.87654">scale 0.999593</text></svg>'
-    element = inline_svg(rounded(svg), "n").svg
+    (tmp_path / "drawing.svg").write_text(svg)
+    element = drawing_inside(tmp_path / "drawing.svg", "n").svg
     assert element == 'x="1"><path id="n-a" d="M 1.23 2"/><text x="9.87">scale 0.999593</text></svg>'

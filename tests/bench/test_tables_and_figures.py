@@ -11,7 +11,7 @@ from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.papers import ADDITIONS
 from calibench.bench.papers.cong2008 import figures as paper_tables
-from calibench.bench.papers.cong2008.figures import gauge_points
+from calibench.bench.papers.cong2008.figures import gauge
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.explored import bands, groups_of
 from calibench.bench.statistics import summary as stats, tables
@@ -209,7 +209,7 @@ def test_the_gauge_figure_builds_no_problem_after_it_was_found_to_apply(monkeypa
 
 
 def test_the_printed_twelve_parameter_results_lie_on_the_gauge_curve():
-    points = gauge_points()
+    _, points = gauge()
     right = points[~points["misprint"] & ~points["parameter"].str.startswith("z")]
     worst = right.groupby("table")["misfit_mm"].apply(lambda m: m.abs().max())
     assert worst["table4.j3_12"] < 1e-3
@@ -253,16 +253,14 @@ def test_measured_data_are_drawn_above_their_least_value(tmp_path):
     assert figures.target_chart(runs)[0].axes[0].get_xlabel() == "charged evaluations to f - f* ≤ 1e-12 mm²"
 
 
-def test_only_the_figures_asked_for_are_drawn(tmp_path):
+def test_all_figures_that_runs_can_fill_are_drawn(tmp_path):
     store = ResultStore(tmp_path / "study")
     store.open()
     for name, plan in (("full11", "disc"), ("full11", "two_circles"), ("full12", "disc")):
         store.write(bench.execute(problems.make(name, plan=plan), optimizers.make("trf"), budget=100))
     runs, traces = store.runs(), store.traces()
-    every = dict(figures.study_figures(runs, traces, additions=ADDITIONS))
+    every = {name: draw() for name, draw in figures.drawable(runs, traces, ADDITIONS)}
     assert {"gauge", "plans", "convergence_full11_plandisc", "convergence_full12"} < set(every)
-    only = figures.study_figures(runs, traces, ("gauge", "none"), ADDITIONS)
-    assert [name for name, _ in only] == ["gauge"]
 
 
 def test_a_group_without_any_target_has_no_ecdf_and_the_page_is_written(tmp_path):

@@ -6,6 +6,7 @@ unit of its last digit, in kind its *error* within a decade. Table 8 is held aga
 
 from collections.abc import Iterator, Mapping
 from functools import cache
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ _REAL = "measured on the real machine, readings not published"
 _PLANS = {"line": 100.0, "circle": 80.0, "two_circles": 120.0, "disc": 100.0}
 _NAMES = {"line": "a line", "circle": "a circle", "two_circles": "a pair of circles", "disc": "a disc"}
 _RADIUS = 80.0  # mm, ours: that of the circle is not printed
-_TWELVE: tuple[str, dict[str, Any]] = ("full12", {"error": "J3", "gauge": "ya2"})
+_TWELVE = {"error": "J3", "gauge": "ya2"}
 
 
 def actual_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
@@ -311,7 +312,7 @@ def claim_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
         worst[key] = max(abs(column[n] - true[n]) for n in column if n in true and column.entries[n].unit == "mm")
     eleven = {"error": "J3", "paper_section": 3}
     exact = ledger.values_of(evidence.of("cong2008", "full11", "lm", eleven), "parameter_error_mm")
-    stopped = ledger.median(ledger.values_of(_matlab_runs(evidence, "full11", eleven), "parameter_error_mm"))
+    stopped = ledger.median(ledger.values_of(matlab_runs(evidence, "full11", eleven), "parameter_error_mm"))
     yield printed.claim(
         "eleven_precise", "Section 3.3 C", "11 parameters are calibrated accurately",
         ours=exact, ruling=ledger.judge_limit(ledger.median(exact), 1e-3),
@@ -319,8 +320,8 @@ def claim_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
         method="worst length of lm on full11 (section 3), no noise",
         reason=f"fmincon with tolerances of 1e-6 stops {stopped:.2g} mm away", unit="mm", printed=worst["table4.j3_11"],
     )  # fmt: skip
-    raw = twelve(evidence)
-    others = [evidence.of("cong2008", "full12", name, _TWELVE[1]) for name in ("lm", "trf")]
+    raw = matlab_runs(evidence)
+    others = [evidence.of("cong2008", "full12", name, _TWELVE) for name in ("lm", "trf")]
     every = np.concatenate([ledger.values_of(runs, "parameter_error_mm") for runs in (raw, *others)])
     yield printed.claim(
         "twelve_off", "Section 3.3 C", "12 parameters end several millimetres off",
@@ -333,12 +334,10 @@ def claim_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
     )  # fmt: skip
 
 
-def twelve(evidence: Evidence) -> pd.DataFrame:
-    """Return the runs of Table 4's 12 parameters."""
-    return _matlab_runs(evidence, *_TWELVE)
-
-
-def _matlab_runs(evidence: Evidence, problem: str, options: dict[str, Any]) -> pd.DataFrame:
+def matlab_runs(
+    evidence: Evidence, problem: str = "full12", options: Mapping[str, Any] = MappingProxyType(_TWELVE)
+) -> pd.DataFrame:
+    """Return the runs of a problem by fmincon as it was, those of Table 4's 12 parameters where none is named."""
     studies, stopping = ("cong2008", "cong2008_plans"), {"OptimalityTolerance": 1e-6, "SpecifyObjectiveGradient": False}
     both = [evidence.of(study, problem, "fmincon", options, stopping) for study in studies]
     return pd.concat(both).drop_duplicates("run_id")

@@ -33,6 +33,7 @@ from calibench.problems.base import Array
 
 FIGURES = {"cong2008_fig3": "J1", "cong2008_fig4": "J2", "cong2008_fig5": "J3"}
 _PAPER = "cong2008"
+_GAUGE = ("gauge", _PAPER)  # the key under which `once` keeps the gauge curves
 _METHODS = ("ga", "pso", "de")
 _RED = "#C00000"
 _STEPS, _BY = 6, 1e-4  # steps to the angle of a printed result on the gauge curve, and of its slope [rad]
@@ -145,7 +146,7 @@ def _course(cell: pd.DataFrame) -> dict[str, Any]:
 
 def gauge(*_: pd.DataFrame) -> drawing.Drawing:
     """Draw Table 4's and Table 7's printed 12-parameter results on the gauge curve through the true machine."""
-    points, curves = _on_gauge()
+    points, curves = once(_GAUGE, _on_gauge)
     with rc_context(drawing.STYLE):
         figure = Figure(figsize=(10.2, 4.9), layout="constrained")
         for axes, (key, table) in zip(figure.subplots(1, 2), points.groupby("table", sort=False), strict=True):
@@ -188,17 +189,11 @@ def gauge(*_: pd.DataFrame) -> drawing.Drawing:
     return figure, points
 
 
-def gauge_points() -> pd.DataFrame:
-    """Return the printed 12-parameter columns of Tables 4 and 7 on their gauge curve, a row for each parameter."""
-    return _on_gauge()[0]
-
-
 def _on_gauge() -> tuple[pd.DataFrame, dict[str, tuple[Array, Array, Array]]]:
-    """Return `gauge_points`, and by table angles, shape (k,), the curve there, shape (k, 12), and where it is at 0."""
-    return once(("gauge", _PAPER), _worked_out)  # type: ignore[no-any-return]
+    """Return the printed 12-parameter columns of Tables 4 and 7 on their gauge curve, a row for each parameter.
 
-
-def _worked_out() -> tuple[pd.DataFrame, dict[str, tuple[Array, Array, Array]]]:
+    And by table angles, shape (k,), the curve there, shape (k, 12), and where it is at 0.
+    """
     rows, curves = [], {}
     for key, held in (("table4.j3_12", "ya2"), ("table7.de_j3", "xa2")):
         column, problem = constants.column(_PAPER, key), problems.full12(gauge=held)
@@ -361,7 +356,8 @@ ADDITION = Addition(
         ),
         AddedFigure(
             "gauge", "The printed 12-parameter results on the curve along which no reading changes",
-            lambda runs: bool(runs["problem"].eq("full12").any() and _on_gauge()), gauge,  # in the problems' process
+            # it is worked out in the problems' process
+            lambda runs: bool(runs["problem"].eq("full12").any() and once(_GAUGE, _on_gauge)), gauge,
         ),
         AddedFigure(
             "plans", "What sampling plans can tell of 11 parameters",

@@ -322,7 +322,7 @@ def _claims(printed: Printed, evidence: Evidence, four: Column, seven: Column) -
         printed=printed.column("table7.de_j3").entries["kmrmse"].printed, about="table7.de_j3.kmrmse",
         differs="the cell is a misprint; that so small a kmrmse shows the actual machine is asked here",
     )  # fmt: skip
-    phi = ledger.values_of(actual.twelve(evidence), "gauge_phi")
+    phi = ledger.values_of(actual.matlab_runs(evidence), "gauge_phi")
     spread = float(np.ptp(phi)) if len(phi) else np.nan
     yield printed.claim(
         "twelve_depends_on_plan", "Table 4, 12 values", "where on the gauge curve a search ends is told by the data",

@@ -144,7 +144,8 @@ def search_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
         ours = Ours.of(searches.best(method.lower(), error))
         if ours.n:
             figure = f"{_FIGURES[error]}: " if key.startswith("text") else ""
-            reason = f"{figure}{_decades(ours.median, entry.value):+.1f} decades from it after {budget:.3g} "
+            apart = float(np.log10(ours.median / entry.value)) if ours.median > 0 else np.nan
+            reason = f"{figure}{apart:+.1f} decades from it after {budget:.3g} "
             reason += f"evaluations, the printed level is said of {asked:.0e}"
         why = "plan and random numbers are not printed: in kind within a decade"
         tolerance = Tolerance(digit / 2, why, 1.0, decades=True)
@@ -311,7 +312,7 @@ def _single_claims(printed: Printed, searches: _Searches) -> Iterator[Row]:
     level = printed.column("table6.de")["j3"]
     yield printed.claim(
         "de_j3_is_rounding", "Table 6 and Fig. 5, DE under J3", "3.5946e-20 is as near to zero as doubles can tell",
-        ours=floor, ruling=ledger.judge_limit(abs(_decades(ledger.median(floor), level)), 1.0),
+        ours=floor, ruling=ledger.judge_limit(ledger.decades_between(ledger.median(floor), level), 1.0),
         rule="true where J3 of the true machine is within a decade of it",
         method="J3 at the truth over ten random plans",
         reason="rounding, not a better answer: nothing below 1e-18 is ranked", unit="mm^4", printed=level,
@@ -333,10 +334,6 @@ def _single_claims(printed: Printed, searches: _Searches) -> Iterator[Row]:
 
 def _paired(*columns: Array) -> bool:
     return bool(len(columns[0])) and len({len(column) for column in columns}) == 1
-
-
-def _decades(a: float, b: float) -> float:
-    return float(np.log10(a / b)) if a > 0 and b > 0 else np.nan
 
 
 def _never_improving() -> Recorder:

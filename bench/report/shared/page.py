@@ -53,10 +53,6 @@ class Inline:
     svg: Markup | None = None
     png: str = ""
 
-    @property
-    def pixels(self) -> int:
-        return round(self.width * 4 / 3)
-
 
 def inline_svg(svg: str, name: str) -> Inline:
     """Return an SVG file's drawing for use inside a page: no prologue, and ids that no other drawing has."""
@@ -69,18 +65,11 @@ def inline_svg(svg: str, name: str) -> Inline:
     return Inline(name, width, Markup(element.removeprefix("<svg").lstrip()))  # a file that matplotlib wrote
 
 
-def rounded(svg: str) -> str:
-    """Return an SVG drawing with its lines to a hundredth of a point, which no eye tells apart: a third less text.
-
-    >>> rounded('<path d="M 12.345678 7.5 "/>')
-    '<path d="M 12.34 7.5 "/>'
-    """
-    return re.sub(r' (?:d|x|y)="[^"]*"', lambda found: re.sub(r"(?<=\.\d\d)\d+", "", found[0]), svg)
-
-
 def drawing_inside(path: Path, name: str) -> Inline:
     """Return the drawing of an SVG file for use inside a page; a heavy one as the PNG beside it, where that is less."""
-    drawing = inline_svg(rounded(path.read_text(encoding="utf-8")), name)
+    svg = path.read_text(encoding="utf-8")  # its lines to a hundredth of a point are a third less text
+    svg = re.sub(r' (?:d|x|y)="[^"]*"', lambda found: re.sub(r"(?<=\.\d\d)\d+", "", found[0]), svg)
+    drawing = inline_svg(svg, name)
     png, size = path.with_suffix(".png"), len(drawing.svg or "")
     coded = base64.b64encode(png.read_bytes()).decode() if size > _HEAVY and png.exists() else ""
     return Inline(name, drawing.width, png=coded) if coded and len(coded) < size else drawing

@@ -75,8 +75,3 @@ class Addition:
 
 Additions = Sequence[Addition]
 FilledSection = tuple[TableSection, tuple[tuple[PrintedTable, pd.DataFrame], ...]]  # only tables that have rows
-
-
-def printed_values(additions: Additions, name: str, problem: Any) -> dict[str, float]:
-    """Return the printed results of this problem, parameter -> value; none where no addition knows it."""
-    return {key: value for addition in additions for key, value in addition.printed_values(name, problem).items()}

@@ -59,17 +59,8 @@ _NOTE: Any = {"fontsize": 7, "color": "0.3"}
 Drawable = Callable[[], Drawing]
 
 
-def study_figures(
-    runs: pd.DataFrame, traces: pd.DataFrame, only: Sequence[str] = (), additions: Additions = ()
-) -> Iterator[tuple[str, Drawing]]:
-    """Yield (name, drawing) for every figure that these results can fill, or for those of them named in `only`."""
-    for name, draw in drawable(runs, traces, additions):
-        if not only or name in only:
-            yield name, draw()
-
-
 def drawable(
-    runs: pd.DataFrame, traces: pd.DataFrame, additions: Additions, problems: int | None = None,
+    runs: pd.DataFrame, traces: pd.DataFrame, additions: Additions = (), problems: int | None = None,
     ranked: Ranked | None = None,
 ) -> Iterator[tuple[str, Drawable]]:  # fmt: skip
     """Yield (name, how it is drawn) of every figure that these results can fill, of the first `problems` at most."""

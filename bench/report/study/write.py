@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, final
 
@@ -21,7 +20,7 @@ from calibench.bench.gate.processes import CAN_FORK, WorkerPool
 from calibench.bench.report.shared.drawing import Drawings
 from calibench.bench.report.shared.kept import Kept, State, code, files_named, state_of, state_of_file
 from calibench.bench.report.study import figures
-from calibench.bench.report.study.additions import Additions, FilledSection, TableSection, printed_values
+from calibench.bench.report.study.additions import Additions, FilledSection
 from calibench.bench.report.study.explored import groups_of
 from calibench.bench.report.study.figures import ecdf_figures
 from calibench.bench.report.study.page import StudyPage
@@ -133,7 +132,7 @@ def write_report(
             }  # fmt: skip
             filled = [
                 (section, tuple(pair for pair in zip(section.tables, rows, strict=True) if not pair[1].empty))
-                for section, rows in zip(_sections(additions), built, strict=True)
+                for section, rows in zip((s for one in additions for s in one.sections), built, strict=True)
             ]
             sections: list[FilledSection] = [one for one in filled if one[1]]
             printed = [(f"tables/{table.name}", rows) for _, pairs in sections for table, rows in pairs]
@@ -184,8 +183,10 @@ def _of_problems(
         return found, {key: value for key, value in known.items() if key[0] != tables.MADE}
 
     def rest() -> tuple[pd.DataFrame, pd.DataFrame, list[list[pd.DataFrame]]]:
-        calibrated = tables.calibrated(runs, partial(printed_values, additions))
-        built = [[table.build(runs) for table in section.tables] for section in _sections(additions)]
+        calibrated = tables.calibrated(
+            runs, lambda name, problem: {k: v for a in additions for k, v in a.printed_values(name, problem).items()}
+        )
+        built = [[table.build(runs) for table in section.tables] for one in additions for section in one.sections]
         return tables.identifiability(runs), calibrated, built
 
     jobs: Sequence[Callable[[], Any]] = (levels, rest)
@@ -195,10 +196,6 @@ def _of_problems(
     with WorkerPool(lambda number: jobs[number](), 1) as pool:
         pool.begin(range(len(jobs)))
         yield (pool.take() for _ in jobs)
-
-
-def _sections(additions: Additions) -> list[TableSection]:
-    return [section for addition in additions for section in addition.sections]
 
 
 @contextmanager
