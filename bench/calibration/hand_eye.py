@@ -11,7 +11,7 @@ import json
 import shlex
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from math import inf
@@ -136,9 +136,8 @@ def write_hand_eye(answer: HandEye, request: HandEyeRequest) -> HandEye:
     head = f"bench calibrate hand_eye={answer.hand_eye}, {answer.case}: {answer.pairs} pairs"
     ros = transforms_text(head, (answer.camera, answer.board))
     content = answer.to_dict() | {"provenance": made_by(request.command)}
-    text = json.dumps(content, indent=1, allow_nan=False)
-    write_whole(files["ros"], lambda file: file.write(ros.encode()))
-    write_whole(files["json"], lambda file: file.write(text.encode()))
+    write_whole(files["ros"], ros.encode())
+    write_whole(files["json"], json.dumps(content, indent=1, allow_nan=False).encode())
     return answer
 
 
@@ -163,7 +162,11 @@ def read_samples(path: Path, units: Mapping[str, str], part: bool = False) -> Ta
     A `part` may have the poses of one side alone. Raises `DataError`, in one line.
     """
     kind = path.suffix.lower()
-    reader = {".yaml": _yaml, ".yml": _yaml, ".json": _json, ".npz": _arrays, ".csv": _rows, ".txt": _rows}.get(kind)
+    readers: dict[str, Callable[[Path], Any]] = {
+        ".yaml": _yaml, ".yml": _yaml, ".json": lambda path: json_of(text_of(read_whole(path, LARGEST_OWN))),
+        ".npz": _arrays, ".csv": _rows, ".txt": _rows,
+    }  # fmt: skip
+    reader = readers.get(kind)
     if reader is None or not path.is_file():
         return None
     try:
@@ -209,10 +212,6 @@ def _yaml(path: Path) -> Any:
         return yaml.load(text, Loader=getattr(yaml, "CBaseLoader", yaml.BaseLoader))  # words alone, tags unread
     except yaml.YAMLError as error:
         raise ValueError(f"is no YAML: {error}") from None
-
-
-def _json(path: Path) -> Any:
-    return json_of(text_of(read_whole(path, LARGEST_OWN)))
 
 
 def _arrays(path: Path) -> dict[str, Any]:

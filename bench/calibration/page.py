@@ -1,7 +1,7 @@
 """The page of one calibration, what an owner of an arm reads first, and its drawings, each with its numbers."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
 from math import degrees, isfinite
 from pathlib import Path
@@ -19,7 +19,7 @@ from calibench.bench.provenance.environment import provenance
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, axes_in, figure_of, save
 from calibench.bench.report.shared.page import Head, Table, inline_svg, render
 from calibench.bench.store.atomic_file import write_whole
-from calibench.calibration.calibrate import Calibration, OverJoint, Part
+from calibench.calibration.calibrate import Calibration
 from calibench.calibration.poses import Design
 from calibench.calibration.rigid import Index
 from calibench.core.words import as_sentence, plain
@@ -54,6 +54,11 @@ def write_page(answer: Calibration, folder: Path) -> Path:
         _table(why, [[one.parameter, one.reason] for one in answer.undetermined if isfinite(one.known_to) == finite])
         for finite in (True, False)
     )
+    where = ("poses", "before [mm]", "after [mm]")
+    regions, by_joint = (
+        _table(("where", *where), [[p.where, str(p.poses), f"{p.before:.3f}", f"{p.after:.3f}"] for p in parts], where)
+        for parts in (answer.regions, answer.by_joint)
+    )
     origin = provenance()
     versions = json.loads(origin["versions"])
     turned = f", {plain(1e3 * answer.scatter[1], 3)} mrad" if answer.observed == "pose" else ""
@@ -63,7 +68,7 @@ def write_page(answer: Calibration, folder: Path) -> Path:
         said=[as_sentence(said) for said in sentences(answer)], levels=_table(heads, level_rows(answer), heads[1:]),
         changes=_table(("joint", "what", "changed by", "95 %"), rows_of_changes(answer), ("changed by", "95 %")),
         badly=badly, tolerance=plain(answer.tolerance, 2), undetermined=undetermined,
-        regions=_parts(answer.regions), by_joint=_parts(answer.by_joint),
+        regions=regions, by_joint=by_joint,
         wild=_table(("reading", "error [mm]"), [[w.row, plain(w.error, 3)] for w in answer.wild[:_MOST_WILD]]),
         frames=frames, notes=[as_sentence(note.text) for note in answer.notes], files=answer.files,
         facts={
@@ -76,12 +81,7 @@ def write_page(answer: Calibration, folder: Path) -> Path:
         },
         drawings=drawings,
     )  # fmt: skip
-    return write_whole(folder / "report.html", lambda file: file.write(page.encode()))
-
-
-def _parts(parts: tuple[Part, ...]) -> Table:
-    rows = [[p.where, str(p.poses), f"{p.before:.3f}", f"{p.after:.3f}"] for p in parts]
-    return _table(("where", "poses", "before [mm]", "after [mm]"), rows, ("poses", "before [mm]", "after [mm]"))
+    return write_whole(folder / "report.html", page.encode())
 
 
 def _table(heads: tuple[str, ...] | list[str], rows: list[list[str]], right: tuple[str, ...] | list[str] = ()) -> Table:
@@ -128,21 +128,17 @@ def calibration_figures(answer: Calibration) -> Iterator[tuple[str, Drawing]]:
         bar.set_label("error [mm]", fontsize=8)
     yield "workspace", (figure, table)
     if answer.over_joints:
-        yield "joints", joint_chart(answer.over_joints)
+        # the rms error over the angle or the way of each joint, before and after
+        table = pd.DataFrame([asdict(one) for one in answer.over_joints])
+        with axes_in(None, *joints_size(table)) as axes:
+            draw_joints(axes, table)
+            figure_of(axes).legend(loc="outside upper right", ncols=2)
+        yield "joints", (figure_of(axes), table)
 
 
 def _some(count: int) -> Index:
     """Return the places of at most `_DOTS` of `count`: more dots and steps are not seen."""
     return np.unique(np.linspace(0, count - 1, min(count, _DOTS)).astype(np.int64))
-
-
-def joint_chart(over_joints: Sequence[OverJoint]) -> Drawing:
-    """Draw the rms error over the angle or the way of each joint, before and after."""
-    table = pd.DataFrame([asdict(one) for one in over_joints])
-    with axes_in(None, *joints_size(table)) as axes:
-        draw_joints(axes, table)
-        figure_of(axes).legend(loc="outside upper right", ncols=2)
-    return figure_of(axes), table
 
 
 def joints_size(table: pd.DataFrame) -> tuple[float, float]:

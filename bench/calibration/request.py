@@ -123,14 +123,14 @@ def write_calibration(answer: Calibration, request: CalibrateRequest) -> Calibra
     folder = request.folder / answer.case
     folder.mkdir(parents=True, exist_ok=True)
     written = answer.written(request.given.data) if answer.chosen != "frames" else {}
-    files = {kind: str(_put(folder / name, content)) for kind, (name, content) in written.items()}
+    files = {kind: str(write_whole(folder / name, content)) for kind, (name, content) in written.items()}
     columns, units, stated = columns_of(answer.readings, request.given.distance or 0.0)
     readings = Columns(columns, stated, units=units)
     files["readings"] = str(write_columns(readings, ARM, folder / OF_A_CALIBRATION))
     if answer.camera is not None and answer.board is not None:
         head = f"bench calibrate hand_eye=... with {answer.source}, {answer.case}: {answer.poses} poses"
         text = transforms_text(head, (answer.camera, answer.board))
-        files["ros"] = str(_put(folder / "static_transforms.yaml", text.encode()))
+        files["ros"] = str(write_whole(folder / "static_transforms.yaml", text.encode()))
     answer = replace(answer, files=files)
     if request.given.page:
         from calibench.bench.calibration.page import write_page  # drawings take half a second to load
@@ -138,12 +138,8 @@ def write_calibration(answer: Calibration, request: CalibrateRequest) -> Calibra
         files["page"] = str(write_page(answer, folder))
     files["json"] = str(folder / "calibration.json")
     content = answer.to_dict() | {"provenance": made_by(request.command)}
-    _put(Path(files["json"]), json.dumps(content, indent=1, allow_nan=False).encode())
+    write_whole(Path(files["json"]), json.dumps(content, indent=1, allow_nan=False).encode())
     return answer
-
-
-def _put(path: Path, content: bytes) -> Path:
-    return write_whole(path, lambda file: file.write(content))
 
 
 def read_design_poses(words: Sequence[str]) -> tuple[Design, Path | None]:
@@ -192,8 +188,8 @@ def write_design(design: Design, to: Path) -> tuple[Path, ...]:
     heads = [f"{name} [{'mm' if name in slides else 'rad'}]" for name in design.chain.driven]
     lines = [",".join(heads), *(",".join(f"{value:.6f}" for value in pose) for pose in design.joints)]
     targets = to.with_name(f"{to.stem}_targets.json")
-    _put(to, ("\n".join(lines) + "\n").encode())
-    _put(targets, (json.dumps(list(design.targets), indent=1) + "\n").encode())
+    write_whole(to, ("\n".join(lines) + "\n").encode())
+    write_whole(targets, (json.dumps(list(design.targets), indent=1) + "\n").encode())
     return to, targets, *save(f"{to.stem}_gain", gain_chart(design), to.parent)
 
 

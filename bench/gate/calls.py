@@ -11,9 +11,9 @@ from functools import partial
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from calibench.problems.base import Array
+
 _ONE = "one number is needed; several objectives are not handled: give a weighted sum"
 
 

@@ -22,15 +22,13 @@ from typing import Any, NoReturn, final
 from weakref import WeakSet
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibench.bench.gate.calls import Calls, calls_of
 from calibench.bench.gate.endings import ByGate
-from calibench.optimizers.base import BudgetExhausted, ObjectiveFailed, Stop, TargetReached, TimeUp
+from calibench.optimizers.base import Array, BudgetExhausted, ObjectiveFailed, Stop, TargetReached, TimeUp
 
 __all__ = ["BudgetExhausted", "Evaluator", "TargetReached", "TimeUp"]
 
-Array = NDArray[np.float64]
 TracePoint = tuple[int, int, float, int]  # evaluations, charged, best value, restarts so far
 
 _MARKS_PER_DECADE = 16
@@ -327,11 +325,6 @@ class Evaluator:
         """Return the evaluations that are left."""
         return self.budget - self.charged
 
-    def finish(self) -> None:
-        """Close the trace with its last point."""
-        if self.evaluations:
-            self._record(self.evaluations)
-
     def ask(self, calls: Calls) -> None:
         """Ask the problem by `calls` from now on. Another thread may do so too, where `fixed` stays what it was."""
         self._fixed, self._again, self._function = calls.fixed, calls.again, calls.value
@@ -347,7 +340,8 @@ class Evaluator:
             self._closed, self._next_event, self._next_news = True, 0, 0
         if self._forked is not None and self._forked[0]:
             self.note("called from a forked process")
-        self.finish()
+        if self.evaluations:  # the last point of the trace
+            self._record(self.evaluations)
 
     def note(self, attempt: str) -> None:
         """Note what was tried at the counters, once each."""

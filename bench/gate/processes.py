@@ -232,9 +232,7 @@ def _serve(connection: Connection, work: Callable[[Job], Answer]) -> None:
             answer = pickle.dumps((of_round, number, True, work(job)))
         except BaseException as error:  # SystemExit too: what ends a run there ends it here
             answer = pickle.dumps((of_round, number, False, ToldError.of(error)))
-        for stream in (sys.stdout, sys.stderr):
-            with suppress(Exception):
-                stream.flush()
+        flush_output()
         connection.send_bytes(answer)
 
 

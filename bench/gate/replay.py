@@ -25,10 +25,10 @@ from typing import Any, final
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibench.bench.gate.calls import Calls
 from calibench.bench.gate.evaluator import Evaluator
+from calibench.problems.base import Array
 
 try:
     import fcntl
@@ -248,7 +248,6 @@ def _unpacked(raw: bytes) -> float | Array:
     return answer
 
 
-Array = NDArray[np.float64]
 DEAR = 0.02  # seconds an evaluation from which on its value is worth a record, which takes about 1e-4
 FIRST = 3  # calls that are timed
 _CHEAP, _WINDOW = DEAR / 4, 16  # mean of so many calls below which no more is written

@@ -147,10 +147,9 @@ class Watch:
 class Mirror:
     """The state of a run and its gate, as numbers in memory that parent and child share.
 
-    It serves run after run: `show` begins one.
-    In its `head` stand the `DEADLINE` (when the gate will refuse, on the clock `time.perf_counter` that parent and
-    child share), the `PHASE`, `CPU_BEFORE` (processor seconds of the process before the run), and `STALL` (seconds
-    that a search has without an evaluation).
+    It serves run after run: `show` begins one. In its `head` stand the `DEADLINE` (when the gate will refuse, on the
+    clock `time.perf_counter` that parent and child share), the `PHASE`, `CPU_BEFORE` (processor seconds of the process
+    before the run), and `STALL` (seconds that a search has without an evaluation).
     """
 
     def __init__(self) -> None:

@@ -87,11 +87,9 @@ def read_measured(
 ) -> MeasuredData:  # fmt: skip
     """Return the data in `path`, or in columns by name. `machine`, a name or an object, must be what a file states.
 
-    `stated` goes before its metadata.
-
-    `columns` are name -> what the file calls it (``{"enc_1": "Winkel 1"}``), `units` name -> unit, for columns of which
-    the file states none, or not in a known way. Raises `DataError`, in one line that begins with the path, for what
-    cannot be read or is of another machine.
+    `stated` goes before its metadata. `columns` are name -> what the file calls it (``{"enc_1": "Winkel 1"}``), `units`
+    name -> unit, for columns of which the file states none, or not in a known way. Raises `DataError`, in one line that
+    begins with the path, for what cannot be read or is of another machine.
     """
     named = {key: value for key, value in (("columns", columns), ("units", units)) if value is not None}
     content = read_columns(path, declared_by(machine), {**(stated or {}), **named})
@@ -112,10 +110,9 @@ def read_columns(
 ) -> Columns:
     """Return the columns in `path` in base units, by what their machine declares; none declared: the file states it.
 
-    In place of a path columns may be given by name, with heads as in a file.
-
-    `stated` goes before the file's metadata, and under ``columns`` and ``units`` names and units; of a file that is
-    `part` of a table these may name what others hold. Raises `DataError` in one line that begins with the path.
+    In place of a path columns may be given by name, with heads as in a file. `stated` goes before the file's metadata,
+    and under ``columns`` and ``units`` names and units; of a file that is `part` of a table these may name what others
+    hold. Raises `DataError` in one line that begins with the path.
     """
     where = Path(path) if isinstance(path, str | Path) else "data"
     try:
@@ -176,9 +173,12 @@ def write_columns(content: Columns, declared: Declared, path: str | Path) -> Pat
         lines.write(f"# {KEY}: {stated}\n")
         writer = csv.writer(lines, lineterminator="\n")
         writer.writerow([f"{name} [{units[name]}]" if name in units else name for name in content.columns])
-        texts = ([_written(value) for value in column.tolist()] for column in content.columns.values())
+        texts = (  # numbers so that they are read back to the last bit
+            ["" if v != v else str(v).lower() if isinstance(v, bool) else str(v) for v in column.tolist()]
+            for column in content.columns.values()
+        )
         writer.writerows(zip(*texts, strict=True))
-        return write_whole(path, lambda file: file.write(lines.getvalue().encode()))
+        return write_whole(path, lines.getvalue().encode())
     fields, arrays = [], []
     for name, column in content.columns.items():
         array = pa.array(column.tolist() if column.dtype.kind in "UO" else column)
@@ -186,11 +186,6 @@ def write_columns(content: Columns, declared: Declared, path: str | Path) -> Pat
         arrays.append(array)
     table = pa.table(arrays, schema=pa.schema(fields, metadata={KEY: stated}))
     return write_whole(path, lambda file: pq.write_table(table, file, compression="zstd"))
-
-
-def _written(value: Any) -> str:
-    """Return a value as CSV has it: a number so that it is read back to the last bit."""
-    return "" if value != value else str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _read(path: Path, declared: Declared) -> Columns | Table:
@@ -238,12 +233,7 @@ def _read(path: Path, declared: Declared) -> Columns | Table:
 
 
 def _table_of(content: bytes) -> pa.Table:
-    def opened(words: list[str]) -> pq.ParquetFile:
-        return pq.ParquetFile(
-            pa.BufferReader(content), thrift_string_size_limit=data_file.LONGEST_FOOTER,
-            thrift_container_size_limit=_MOST_OBJECTS, read_dictionary=words,
-        )  # fmt: skip
-
+    limits = {"thrift_string_size_limit": data_file.LONGEST_FOOTER, "thrift_container_size_limit": _MOST_OBJECTS}
     megabyte = data_file.MEGABYTE
     footer = int.from_bytes(content[-_END:-4], "little")
     if content[-4:] == b"PAR1" and data_file.LONGEST_FOOTER < footer < len(content):
@@ -251,7 +241,7 @@ def _table_of(content: bytes) -> pa.Table:
             f"has {footer / megabyte:.0f} MB that tell of its columns, and at most "
             f"{data_file.LONGEST_FOOTER // megabyte} MB are read; leave out columns, or write fewer row groups"
         )
-    file = opened([])
+    file = pq.ParquetFile(pa.BufferReader(content), **limits)
     about = file.metadata
     data_file.check_columns(about.num_columns)
     groups = [about.row_group(i) for i in range(about.num_row_groups)]
@@ -273,7 +263,7 @@ def _table_of(content: bytes) -> pa.Table:
             f"unpacks to {unpacked / megabyte:.0f} MB, and at most {data_file.LARGEST_UNPACKED // megabyte} MB are "
             f"read; {_SMALLER}"
         )
-    table = opened(words).read()
+    table = pq.ParquetFile(pa.BufferReader(content), read_dictionary=words, **limits).read()
     for name, column in zip(table.column_names, table.columns, strict=True):
         if pa.types.is_dictionary(column.type) and _is_text(column.type.value_type):
             widest = (pc.max(pc.binary_length(part.dictionary)).as_py() for part in column.chunks)
@@ -518,13 +508,14 @@ def _check_elements(content: bytes) -> None:
 
 def _columns(named: dict[str, Any]) -> tuple[dict[str, Any], tuple[Note, ...]]:
     arrays = {name: np.asarray(value) for name, value in named.items()}
-    words = {name: array for name, array in arrays.items() if _is_words(array)}
+    lists = {n: a for n, a in arrays.items() if a.ndim == 1 and len(a)}
+    words = {n: a for n, a in lists.items() if all(isinstance(one, str) for one in a.tolist())}
     matrices = {n: a for n, a in arrays.items() if a.ndim == 2 and a.dtype.kind in "iufb"}
     for matrix in matrices.values():
         for names in words.values():
             if len(names) == matrix.shape[1]:
                 return {str(n).strip(): matrix[:, k] for k, n in enumerate(names)}, ()
-    vectors = {n: a for n, a in arrays.items() if a.ndim == 1 and (a.dtype.kind in "iufb" or _is_words(a))}
+    vectors = {n: a for n, a in arrays.items() if a.ndim == 1 and (a.dtype.kind in "iufb" or n in words)}
     lengths = [len(a) for a in vectors.values() if a.dtype.kind in "iufb"]
     if len(matrices) == 1 and not lengths:
         [(name, matrix)] = matrices.items()
@@ -552,7 +543,3 @@ def _columns(named: dict[str, Any]) -> tuple[dict[str, Any], tuple[Note, ...]]:
         text = f"variables {shapes} have another shape and are not read: columns have {most} values"
         notes.append(Note(Code.COLUMNS_UNREAD, text, tuple(others)))
     return columns, tuple(notes)
-
-
-def _is_words(array: Any) -> bool:
-    return bool(array.ndim == 1 and len(array) and all(isinstance(one, str) for one in array.tolist()))

@@ -14,12 +14,12 @@ from typing import BinaryIO
 TEMPORARY = re.compile(r"\.(\d+)@(.*)\.tmp$")  # the process, and its machine
 
 
-def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> Path:
-    """Let `write` fill the file, bring it to the disk, then give it its name `path`; return that."""
+def write_whole(path: Path, content: bytes | Callable[[BinaryIO], object]) -> Path:
+    """Write the content, or let it fill the file; bring it to the disk, then give it its name `path`; return that."""
     temporary = temporary_name(path)
     try:
         with open(temporary, "wb") as file:
-            write(file)
+            file.write(content) if isinstance(content, bytes) else content(file)
             file.flush()
             os.fsync(file.fileno())
         os.replace(temporary, path)

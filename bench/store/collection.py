@@ -94,15 +94,16 @@ def collect_into(
         os.replace(new_runs, tables.folder / RUNS)
 
 
-def part_table(records: Sequence[Record], refuse: Callable[[Record], None] = lambda record: None) -> pa.Table:
-    """Return records as a table of schema `PART_SCHEMA`; those of which no row can be made go to `refuse`."""
+def part_table(records: Sequence[Record]) -> tuple[pa.Table, list[Record]]:
+    """Return records as a table of schema `PART_SCHEMA`, and those of which no row can be made."""
     fields = [arrays.TRACES_SCHEMA.field(name) for name in arrays.POINT]
     kind = arrays.PART_SCHEMA.field(arrays.TRACE).type
     tables = []
     try:  # column by column: records of one writer share the names and what is common
         for (names, common), some in itertools.groupby(records, lambda record: (record.names, record.common)):
             own = list(some)
-            columns = dict(zip(names, zip(*_read_all(record.row for record in own), strict=True), strict=True))
+            values = json.loads(b"[%b]" % b",".join(record.row for record in own))  # as one text: that takes less time
+            columns = dict(zip(names, zip(*values, strict=True), strict=True))
             rows = [
                 arrays.array_of(columns[field.name], field.type)
                 if field.name in columns
@@ -111,7 +112,7 @@ def part_table(records: Sequence[Record], refuse: Callable[[Record], None] = lam
             ]
             points: list[list[Any]] = [[] for _ in arrays.POINT]
             offsets = [0]
-            for trace in _read_all(record.trace for record in own):
+            for trace in json.loads(b"[%b]" % b",".join(record.trace for record in own)):
                 for column, values in zip(points, trace, strict=True):
                     column += values
                 offsets.append(len(points[0]))
@@ -121,18 +122,13 @@ def part_table(records: Sequence[Record], refuse: Callable[[Record], None] = lam
             )
             rows.append(pa.ListArray.from_arrays(arrays.array_of(offsets, pa.int32()), traces, type=kind))
             tables.append(pa.Table.from_arrays(rows, schema=arrays.PART_SCHEMA))
-        return pa.concat_tables(tables)
+        return pa.concat_tables(tables), []
     except (ValueError, TypeError, OverflowError, pa.ArrowException):
         if len(records) == 1:
-            refuse(records[0])
-            return arrays.empty_table(arrays.PART_SCHEMA)
+            return arrays.empty_table(arrays.PART_SCHEMA), [*records]
     half = len(records) // 2
-    return pa.concat_tables([part_table(half_of, refuse) for half_of in (records[:half], records[half:])])
-
-
-def _read_all(texts: Iterable[bytes]) -> list[Any]:
-    """Return what each text in JSON says; read as one they take less time."""
-    return list(json.loads(b"[%b]" % b",".join(texts)))
+    (first, lost), (second, more) = part_table(records[:half]), part_table(records[half:])
+    return pa.concat_tables([first, second]), lost + more
 
 
 def nested(rows: pa.Table, traces: pa.Table) -> pa.Table:
@@ -180,7 +176,7 @@ def _pieces(new: Iterable[Record | pa.Table], refuse: Callable[[Record], None], 
                 waiting.append([])
                 size = 0
                 continue
-        for table, refused in at_once([partial(_table_of, records) for records in waiting if records]):
+        for table, refused in at_once([partial(part_table, records) for records in waiting if records]):
             held.append(table)
             for record in refused:
                 refuse(record)
@@ -190,11 +186,6 @@ def _pieces(new: Iterable[Record | pa.Table], refuse: Callable[[Record], None], 
             held = [arrays.compute("take", whole, arrays.indices(_order(whole)))]
             del whole
             yield held.pop()
-
-
-def _table_of(records: Sequence[Record]) -> tuple[pa.Table, list[Record]]:
-    refused: list[Record] = []
-    return part_table(records, refused.append), refused
 
 
 def _source(table: pa.Table, batches: Iterable[pa.RecordBatch]) -> Source:

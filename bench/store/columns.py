@@ -29,13 +29,9 @@ Flags = NDArray[np.bool_]
 class Columns(Protocol):
     """Columns of one length by name: a `pandas.DataFrame`, or a dictionary of Arrow's columns or of lists."""
 
-    def __getitem__(self, name: str, /) -> Any:
-        """Return a column."""
-        ...
+    def __getitem__(self, name: str, /) -> Any: ...
 
-    def __contains__(self, name: object, /) -> bool:
-        """Tell whether there is a column of this name."""
-        ...
+    def __contains__(self, name: object, /) -> bool: ...
 
 
 def columns_of(table: pa.Table) -> dict[str, pa.ChunkedArray]:

@@ -54,8 +54,7 @@ class Points:
 def crossings(points: Points, levels: Array, thinned_as_ours: Flags) -> Counts:
     """Return when each run first had a value at or below each of `levels`, shape (levels,), by its trace alone.
 
-    `thinned_as_ours`, shape (runs,): whose trace was thinned by the rule above; of another nothing between points is
-    known.
+    `thinned_as_ours`, shape (runs,): whose trace was thinned by the rule above; else nothing between points is known.
     """
     found = np.full((4, len(points.counts), len(levels)), NEVER, dtype=np.int64)
     if not len(points.values) or not len(levels):

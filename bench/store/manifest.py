@@ -102,7 +102,7 @@ def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
         for label, ids in cells.items()
     )
     text = "{\n" + ",\n".join([*lines, f' "cells": [\n{runs}\n ]']) + "\n}\n"
-    write_whole(folder / "manifest.json", lambda file: file.write(text.encode()))
+    write_whole(folder / "manifest.json", text.encode())
 
 
 def new_manifest(study: str) -> dict[str, Any]:
@@ -219,5 +219,4 @@ def read_notes(folder: Path) -> Notes:
 
 def write_notes(folder: Path, notes: Notes) -> Path:
     """Write the notes of a folder, whole."""
-    text = json.dumps(asdict(notes), indent=1, ensure_ascii=False).encode()
-    return write_whole(folder / NOTES, lambda file: file.write(text))
+    return write_whole(folder / NOTES, json.dumps(asdict(notes), indent=1, ensure_ascii=False).encode())

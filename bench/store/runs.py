@@ -178,9 +178,8 @@ class ResultStore:
         return self.folder.resolve().name
 
     def runs(self, columns: Sequence[str] | None = None, *, options: bool = False) -> pd.DataFrame:
-        """Return all finished runs, a row each, collected or not.
+        """Return all finished runs, a row each, collected or not: columns of `RUNS_SCHEMA` and ``merit.KEY``, or these.
 
-        Columns are those of `RUNS_SCHEMA` and ``merit.KEY``, or just the `columns` asked for.
         With `options` also those that differ within the study, ``prob.NAME`` and ``opt.NAME`` (`bench.store.columns`).
         """
         asked = None if columns is None else list(columns)
@@ -238,12 +237,9 @@ class ResultStore:
             rows = tables.runs(read, coded=True)
             batches = file.iter_batches(batch_size=_POINTS, use_threads=False)
             traces = (arrays.in_schema(pa.Table.from_batches([batch]), arrays.TRACES_SCHEMA) for batch in batches)
-        asked = (
-            declared_levels(arrays.to_pandas(rows.select([*PROBLEM, "targets", "target"])))
-            if levels is None
-            else levels
-        )
-        return hit_tables(rows, traces, asked)
+        if levels is None:
+            levels = declared_levels(arrays.to_pandas(rows.select([*PROBLEM, "targets", "target"])))
+        return hit_tables(rows, traces, levels)
 
     def open(self) -> None:
         """Create the folder for writing. Raises `StoreError` where something else stands there."""
@@ -406,15 +402,9 @@ class ResultStore:
         with locked(self.folder):
             manifest = manifests.new_manifest(study or self.folder.resolve().name)
             manifests.write_manifest(self.folder, manifest | imported)
-            write_tables(
-                [pa.Table.from_pandas(traces, arrays.TRACES_SCHEMA, preserve_index=False)],
-                arrays.TRACES_SCHEMA,
-                paths[1],
-            )
-            rows = runs.assign(study=self.study)
-            write_tables(
-                [pa.Table.from_pandas(rows, arrays.RUNS_SCHEMA, preserve_index=False)], arrays.RUNS_SCHEMA, paths[2]
-            )
+            tables = (traces, arrays.TRACES_SCHEMA), (runs.assign(study=self.study), arrays.RUNS_SCHEMA)
+            for path, (table, schema) in zip(paths[1:], tables, strict=True):
+                write_tables([pa.Table.from_pandas(table, schema, preserve_index=False)], schema, path)
         return paths
 
     def forget(self, run_ids: Iterable[str]) -> None:
@@ -513,7 +503,7 @@ def _distinct(records: Iterable[Record], known: Container[str]) -> Iterator[Reco
 
 def _as_parts(records: Sequence[Record]) -> pa.Table:
     """Return records as one table; one that no row can be made of is left out."""
-    tables = [part_table(records[i : i + 5000]) for i in range(0, len(records), 5000)]
+    tables = [part_table(records[i : i + 5000])[0] for i in range(0, len(records), 5000)]
     return pa.concat_tables(tables or [arrays.empty_table(arrays.PART_SCHEMA)])
 
 

@@ -47,6 +47,11 @@ def parquet_file(path: Path, as_codes: Sequence[str] = ()) -> pq.ParquetFile:
     return pq.ParquetFile(path.absolute(), filesystem=LocalFileSystem(), read_dictionary=[*as_codes], pre_buffer=False)
 
 
+def unreadable(file: str | Path, error: Exception, advice: str = "") -> StoreError:
+    first = str(error).splitlines()[0] if str(error) else type(error).__name__
+    return StoreError(f"{file}: cannot be read ({first}){advice}")
+
+
 @final
 @dataclass(frozen=True)
 class Tables:
@@ -98,7 +103,7 @@ class Tables:
             try:
                 files[each] = parquet_file(path)
             except (OSError, pa.ArrowException) as error:
-                raise self._unreadable(path, error) from None
+                raise unreadable(path, error, f"; {_LEFT}") from None
             found = files[each].schema_arrow
             if not set(schema.names) <= set(found.names):
                 raise StoreError(
@@ -150,7 +155,7 @@ class Tables:
                     schema = schema.set(i, file.schema_arrow.field(field.name))
             return in_schema(table, schema, columns)
         except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
-            raise self._unreadable(self.folder / name, error) from None
+            raise unreadable(self.folder / name, error, f"; {_LEFT}") from None
 
     def _check(self, rows: pa.Table) -> None:
         path, ids = self.folder / RUNS, rows["run_id"]
@@ -167,10 +172,6 @@ class Tables:
         versions = {*compute("unique", rows["schema_version"]).to_pylist()} - {SCHEMA_VERSION}
         if versions:
             raise StoreError(f"{path}: has rows of schema {versions.pop()}, this version reads {SCHEMA_VERSION}")
-
-    def _unreadable(self, path: Path, error: Exception) -> StoreError:
-        first = str(error).splitlines()[0] if str(error) else type(error).__name__
-        return StoreError(f"{path}: cannot be read ({first}); {_LEFT}")
 
 
 def write_tables(tables: Iterable[pa.Table], schema: pa.Schema, path: Path) -> Path:

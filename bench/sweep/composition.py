@@ -34,12 +34,7 @@ REGISTERED = "registered-name"  # the key of a member's name in its node: no opt
 NOT_GIVEN = "???"  # Hydra's mark of an option without a default that nobody gave
 
 
-def compose(overrides: Sequence[Any]) -> Any:
-    """Return the composition of overrides, parsed or text; of a list its first value."""
-    return compose_texts([o if isinstance(o, str) else f"{o.key_or_group}={values_of(o)[0]}" for o in overrides])
-
-
-def compose_texts(overrides: list[str]) -> Any:
+def compose(overrides: list[str]) -> Any:
     """Return the composition of conf/config.yaml with `overrides`, as plain containers."""
     given = dict(override.partition("=")[::2] for override in overrides)
     names = [given[key] for key in ("execution", "execution.name") if key in given]

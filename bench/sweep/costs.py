@@ -18,7 +18,6 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibench import optimizers, problems
 from calibench.bench.execution.request import foreign_modules, is_stochastic, seeded
@@ -31,12 +30,11 @@ from calibench.bench.statistics.summary import KINDS, key_of_costs
 from calibench.bench.workers.processes import nothing_printed
 from calibench.core.own_state import kept
 from calibench.core.sources import is_foreign
-from calibench.problems.base import extra_of
+from calibench.problems.base import Array, extra_of
 
 if TYPE_CHECKING:
     from calibench.bench.execution.run import Spec
 
-Array = NDArray[np.float64]
 # PROBLEM's columns, dimension, a column of KINDS each [s] (None: not known), platform, measured_at
 Record = dict[str, Any]
 

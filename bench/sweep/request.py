@@ -37,7 +37,7 @@ from calibench.bench.sweep.composition import is_study_file, study_names, study_
 from calibench.bench.sweep.remarks import Asked, remarks_of
 from calibench.bench.sweep.words import PlainOverride, check_runs, read_budget, read_execution, read_once, read_seeds
 from calibench.bench.words import RequestError, check_study
-from calibench.core.options import as_typed, coerce, shown, suggest
+from calibench.core.options import as_typed, coerce, shown, suggest, unquoted
 from calibench.core.own_state import kept
 from calibench.core.registry import UnknownName, beside
 from calibench.problems.base import extra_of
@@ -112,7 +112,7 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
 
 
 def _request_of(study: str, sweeps: list[list[Any]], once: list[Any]) -> Request:
-    settings = hydra.compose(once)
+    settings = hydra.compose([f"{o.key_or_group}={hydra.values_of(o)[0]}" for o in once])
     of_all, inner = read_once(settings), read_execution(settings["execution"]).inner
     folder = Path(str(settings["results"])) / study
     specs: dict[str, Spec] = {}
@@ -348,7 +348,7 @@ def members_of(kind: str, overrides: list[Any]) -> list[Member]:
         for values in itertools.product(*lists):
             typed = [(option, value) for (option, _), value in zip(options, values, strict=True)]
             given = [f"{kind}.{option}={value}" for option, value in _gathered(kind, typed).items()]
-            composed = dict(hydra.compose_texts([f"{kind}={hydra.entered(choice)}", *given])[kind])
+            composed = dict(hydra.compose([f"{kind}={hydra.entered(choice)}", *given])[kind])
             composed.pop(hydra.REGISTERED)
             asked = {option.partition(".")[0] for option, _ in typed}
             written = {option: o.input_line.partition("=")[2] for option, o in options if not o.is_sweep_override()}
@@ -443,19 +443,15 @@ def _choices(kind: str, override: Any) -> list[tuple[str, bool]]:
     value = override.value()
     parts = value.list if isinstance(value, ChoiceSweep) else [value] if isinstance(value, Glob) else []
     if not any(isinstance(part, Glob) for part in parts):
-        return [(_unquoted(text).replace("\\", ""), False) for text in hydra.values_of(override)]
+        return [(unquoted(text).replace("\\", ""), False) for text in hydra.values_of(override)]
     chosen: list[tuple[str, bool]] = []
     registered = hydra.registry_of(kind).names()
     for part in parts:
         names = part.filter(registered) if isinstance(part, Glob) else [str(getattr(part, "text", part))]
         if not names:
             raise RequestError(f"{override.input_line}: matches no {kind}; {suggest('', _group(kind))}")
-        chosen += [(_unquoted(name), isinstance(part, Glob)) for name in names]
+        chosen += [(unquoted(name), isinstance(part, Glob)) for name in names]
     return chosen
-
-
-def _unquoted(text: str) -> str:
-    return text[1:-1] if len(text) > 1 and text[0] == text[-1] and text[0] in "'\"" else text
 
 
 def _registered_name(kind: str, choice: str) -> str:
@@ -465,7 +461,7 @@ def _registered_name(kind: str, choice: str) -> str:
         hydra.enter(kind, choice, registry)
         return choice
     if (hydra.CONF / kind / f"{choice}.yaml").is_file():
-        return str(hydra.compose_texts([f"{kind}={choice}"])[kind][hydra.REGISTERED])
+        return str(hydra.compose([f"{kind}={choice}"])[kind][hydra.REGISTERED])
     try:
         registry.options(choice)
     except UnknownName:

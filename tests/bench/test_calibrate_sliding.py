@@ -1,12 +1,12 @@
 """`bench calibrate` of an arm with a joint that slides, and what the search for causes reads of it afterwards."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
-from calibench.bench.calibration.page import joint_chart
+from calibench import plot
 from calibench.bench.cli import main
 from calibench.bench.discovery.page.words import headline
 from calibench.bench.measured import read_measured
@@ -166,8 +166,8 @@ def test_no_error_over_a_joint_is_cut_off_by_the_joints_before_it():
     joints = rng.uniform(-1, 1, (60, 2))
     before = np.where(joints[:, 1] > 0.5, 9.0, 1.0)  # what the first joint's bins average, the second's show
     drawn = Drawn(joints, ("first", "second"), ("°", "mm"), np.zeros((60, 3)), before, 0.1 * before)
-    figure, table = joint_chart(over_joints(drawn))
-    (axes,) = figure.axes
+    shown = {"over_joints": [asdict(one) for one in over_joints(drawn)]}
+    axes, table = plot.calibration(shown), plot.calibration.data(shown)
     assert [label.get_text() for label in axes.get_xticklabels()] == ["first\n-1 to 1 °", "second\n-1 to 1 mm"]
     assert axes.get_ylim()[0] < table[["before", "after"]].to_numpy().min()
     assert axes.get_ylim()[1] > table["before"].max()

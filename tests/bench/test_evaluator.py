@@ -113,7 +113,7 @@ def test_scalar_and_batch_callers_leave_the_same_record(values, budget, size, ta
                 ask(gate, np.zeros((len(values[first : first + size]), 1)))
         except Stop:
             pass
-        gate.finish()
+        gate.close()
         return gate
 
     one = record(Values(values), lambda gate, points: [gate(x) for x in points])
@@ -203,7 +203,7 @@ def test_the_trace_has_first_and_last_and_does_not_grow_with_the_budget():
         gate = Evaluator(Values(1.0 / np.arange(1, count + 1)), budget=count)
         for _ in range(count):
             gate(np.zeros(1))
-        gate.finish()
+        gate.close()
         return gate.trace
 
     short, long = falling(1000), falling(20_000)
@@ -219,7 +219,7 @@ def test_a_point_of_the_trace_stands_at_what_it_cost_when_it_was_reached():
     for x in (np.full(4, 0.5), np.full(4, 0.25)):
         gate.residuals(x)
         gate.jacobian(x)
-    gate.finish()
+    gate.close()
     assert [point[:3] for point in gate.trace] == [(1, 1, 1.0), (2, 6, 0.25)]
     assert gate.charged == 10
 

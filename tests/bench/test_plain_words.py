@@ -9,8 +9,8 @@ from calibench.bench.sweep.composition import (
     _AS_TEXT,
     CONF,
     _override,
+    compose,
     compose_by_hydra,
-    compose_texts,
     enter,
     last_value,
     parse,
@@ -51,7 +51,7 @@ def test_every_name_and_preset_is_composed_as_hydra_composes_it(kind):
     names = registry_of(kind).names()
     presets = [path.stem for path in (CONF / kind).glob("*.yaml")]
     for name in [*names, *presets]:
-        assert repr(compose_texts([f"{kind}={name}"])) == repr(compose_by_hydra([f"{kind}={name}"]))
+        assert repr(compose([f"{kind}={name}"])) == repr(compose_by_hydra([f"{kind}={name}"]))
 
 
 REQUESTS = [
@@ -65,13 +65,13 @@ REQUESTS = [
 
 @pytest.mark.parametrize("texts", few(6, REQUESTS), ids=" ".join)
 def test_a_plain_request_is_composed_as_hydra_composes_it(texts):
-    def said(compose):
+    def said(how):
         try:
-            return repr(compose(texts))
+            return repr(how(texts))
         except ValueError as error:
             return str(error)
 
-    assert said(compose_texts) == said(compose_by_hydra)
+    assert said(compose) == said(compose_by_hydra)
 
 
 @pytest.mark.parametrize("word", ["problem=full12", "budget=100", "seeds=0:5", "optimizer.population=20"])
@@ -88,5 +88,5 @@ def test_a_class_of_a_module_needs_no_hydra(fresh, monkeypatch):
     texts = ["problem=plainly:Bowl", "problem.depth=2.5", "budget=50"]
     hydras = compose_by_hydra(texts)
     monkeypatch.delattr(composition, "compose_by_hydra")
-    assert repr(compose_texts(texts)) == repr(hydras)
+    assert repr(compose(texts)) == repr(hydras)
     assert hydras["problem"]["depth"] == 2.5

@@ -292,14 +292,14 @@ def test_lines_that_were_made_elsewhere_are_kept_at_once_and_headers_stand_betwe
 def test_journals_that_two_processes_read_give_the_same_tables(tmp_path, runs, monkeypatch):
     readers = set()
     monkeypatch.setattr(collection, "_READ", 3000)
-    read = collection._table_of
+    read = collection.part_table
 
     def noted(records):
         (tmp_path / "readers" / str(os.getpid())).touch()
         return read(records)
 
     (tmp_path / "readers").mkdir()
-    monkeypatch.setattr(collection, "_table_of", noted)
+    monkeypatch.setattr(collection, "part_table", noted)
 
     def collected(workers):
         store = ResultStore(tmp_path / str(workers))

@@ -46,7 +46,7 @@ def call(tmp_path, monkeypatch, capsys):
 def test_a_path_is_taken_to_the_letter(text):
     overrides = parse([f"results={text}", f"study={text}", "problem=full12", f"problem.readings={text}"])
     assert last_value(overrides, "study", "") == text
-    composed = compose([o for o in overrides if o.key_or_group != "study"])
+    composed = compose([f"{o.key_or_group}={values_of(o)[0]}" for o in overrides if o.key_or_group != "study"])
     assert (composed["results"], composed["problem"]["readings"]) == (text, text)
 
 

@@ -44,7 +44,7 @@ def search(problem, name, options, budget=6000):
     gate = Evaluator(problem, budget, targets=[1e5, 1e4])
     with pytest.raises(Stop):
         optimizers.make(name, **options).minimize(gate, np.random.default_rng(3))
-    gate.finish()
+    gate.close()
     return gate
 
 
