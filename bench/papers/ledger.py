@@ -323,6 +323,7 @@ class Printed:
         inferred = "" if entry.certain else " (inferred, not seen in another print)"
         ruling = ruling or judge_near(entry.printed, entry.value, ours.median, tolerance)
         kind: Any = "consistency" if of_print else entry.kind
+        why = reason, entry.why.strip() + inferred, entry.doubt
         about, differs = key, ""  # of a number that is printed again: where it stands first, why verdicts may differ
         for group in _exact(self.paper).get("one_print", ()):
             if key in group["keys"]:
@@ -330,7 +331,7 @@ class Printed:
         return Row(
             paper=self.paper, key=key, kind=kind, about=about, place=entry.place,
             quantity=quantity, unit=entry.unit, printed=float(entry.printed), read=float(entry.value),
-            reason=_one_line(reason, entry.why.strip() + inferred, entry.doubt), differs=differs, method=method,
+            reason=" ".join("; ".join(filter(None, why)).split()), differs=differs, method=method,
             **_judged(ours, tolerance, ruling),
         )  # fmt: skip
 
@@ -349,7 +350,7 @@ class Printed:
         ruling = ruling if ours.n else replace(ruling, verdict="not checkable")
         return Row(
             paper=self.paper, key=f"claim.{key}", kind="claim", about=about, place=place, quantity=sentence, unit=unit,
-            printed=float(printed), read=float(printed if read is None else read), reason=_one_line(reason),
+            printed=float(printed), read=float(printed if read is None else read), reason=" ".join(reason.split()),
             differs=differs, method=method, **_judged(ours, Tolerance(ruling.limit, rule), ruling),
         )  # fmt: skip
 
@@ -363,11 +364,11 @@ class Printed:
         entry, ours = errata[number], Ours.of(ours)
         inferred = "" if entry["certain"] else " (inferred)"
         ruling = ruling or judge_near(printed, read, ours.median, tolerance)
+        reason = f"printed: {entry['printed']}; read: {entry['read']}; {entry['why']}{inferred}"
         return Row(
             paper=self.paper, key=f"erratum.{number + 1}", kind="erratum", about=" ".join(entry.get("about", ())),
             place=place, quantity=quantity, unit=unit, printed=float(printed), read=float(read),
-            reason=_one_line(f"printed: {entry['printed']}; read: {entry['read']}; {entry['why']}{inferred}"),
-            differs=differs, method=method, **_judged(ours, tolerance, ruling),
+            reason=" ".join(reason.split()), differs=differs, method=method, **_judged(ours, tolerance, ruling),
         )  # fmt: skip
 
     def in_order(self, errata: Iterable[Row]) -> Iterator[Row]:
@@ -385,10 +386,6 @@ def _judged(ours: Ours, tolerance: Tolerance, ruling: Ruling) -> dict[str, Any]:
         "tolerance_in_kind": float(ruling.in_kind), "tolerance_in_decades": ruling.decades,
         "tolerance_origin": float(tolerance.origin), "share": float(ruling.share), "why_tolerance": tolerance.why,
     }  # fmt: skip
-
-
-def _one_line(*texts: str) -> str:
-    return " ".join("; ".join(text for text in texts if text).split())
 
 
 @cache

@@ -96,7 +96,13 @@ def run_paper(
     calls: list[Callable[[], tuple[list[Row], list[Path]]]] = [partial(of_paper, paper) for paper in PAPERS]
     made = at_once([*calls, lambda: ([], [orthoglide.write_page(folder / "orthoglide-experiments.md")])])
     rows = agreed([row for some, _ in made for row in some])
-    drawings = printed_figures.write(evidence[cong2008.KEY], folder / "figures")
+    runs, traces = evidence[cong2008.KEY].runs, evidence[cong2008.KEY].traces
+    mine = runs[runs["study"] == cong2008.KEY]  # of the paper's own study, which may fill its figures
+    drawings = [
+        save(name, printed_figures.draw(error, mine, traces), folder / "figures")[0]
+        for name, error in printed_figures.FIGURES.items()
+        if printed_figures.applies(error, mine)
+    ]
     paths = [
         *write_ledger(rows, folder),
         page.write_page(rows, str(budget), folder / "ledger.html", {cong2008.KEY: drawings}),

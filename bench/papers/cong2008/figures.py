@@ -8,7 +8,6 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from calibench import problems
-from calibench.bench.papers.ledger import Evidence, Ours, kept
+from calibench.bench.papers.ledger import Ours, kept
 from calibench.bench.provenance.run_id import canonical, options_of
 from calibench.bench.report.shared import drawing
 from calibench.bench.report.study.additions import AddedFigure, Addition, Mark, PrintedTable, TableSection
@@ -58,12 +57,12 @@ def _table6(runs: pd.DataFrame) -> pd.DataFrame:
             printed = column.entries[error.lower()]
             quantities = [(1.0, error, printed.unit), (_SCALE, "J1 x 4 l_b^2", "mm^4")][: 2 if error == "J1" else 1]
             for _, cell in mine.groupby(CELL, sort=False, dropna=False):
+                asked, course = _facts_of(cell)
                 rows += [
                     {
-                        "table": column.key, **_asked(cell), "quantity": quantity, "unit": unit,
+                        "table": column.key, **asked, "quantity": quantity, "unit": unit,
                         "printed": printed.printed * scale, "read": printed.value * scale,
-                        "why": printed.why or printed.doubt, **asdict(Ours.of(scale * cell["best_value"])),
-                        **_course(cell),
+                        "why": printed.why or printed.doubt, **asdict(Ours.of(scale * cell["best_value"])), **course,
                     }
                     for scale, quantity, unit in quantities
                 ]  # fmt: skip
@@ -100,7 +99,7 @@ def _calibrations(table: str, runs: pd.DataFrame) -> pd.DataFrame:
                     ("gauge_phi", "rad", "not in print: where on the gauge curve it ended", cell["gauge_phi"]),
                 ]  # fmt: skip
             lines += [(quantity, unit, 0.0, np.nan, np.nan, why, values) for quantity, unit, why, values in extra]
-            asked, course = _asked(cell), _course(cell)
+            asked, course = _facts_of(cell)
             rows += [
                 {
                     "table": key, **asked, "quantity": quantity, "unit": unit, "true": true, "printed": printed,
@@ -129,15 +128,11 @@ def runs_of(runs: pd.DataFrame, problem: str, options: Mapping[str, Any]) -> pd.
     return runs[of_it & runs["problem_options"].isin(fits)]
 
 
-def _asked(cell: pd.DataFrame) -> dict[str, Any]:
-    """Return the columns that say which runs a row is of; `_course` has the budget."""
+def _facts_of(cell: pd.DataFrame) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the columns that say which runs a row is of, and those that say how they went."""
     names = {"method": "optimizer", "options": "optimizer_options", "start": "start", "target": "target"}
-    return {name: cell[column].iloc[0] for name, column in names.items()}
-
-
-def _course(cell: pd.DataFrame) -> dict[str, Any]:
     reached = goal_hits(cell)
-    return {
+    return {name: cell[column].iloc[0] for name, column in names.items()}, {
         "budget": int(cell["budget"].iloc[0]), "failed": int((cell["status"] == "failed").sum()),
         "restarts": int(cell["restarts"].sum()), "reached": int(np.isfinite(reached).sum()),
         "charged_to_target": median_of_reached(reached),
@@ -293,13 +288,6 @@ def draw(error: str, runs: pd.DataFrame, traces: pd.DataFrame) -> drawing.Drawin
         drawing.put_legend(figure, both)
         drawing.entitle(figure, caption(error))
     return figure, pd.concat(numbers, ignore_index=True)
-
-
-def write(evidence: Evidence, folder: Path) -> list[Path]:
-    """Write the figures that the runs of the paper's own study fill; return their SVG files."""
-    mine = evidence.runs[evidence.runs["study"] == _PAPER]
-    fill = {name: error for name, error in FIGURES.items() if applies(error, mine)}
-    return [drawing.save(name, draw(error, mine, evidence.traces), folder)[0] for name, error in fill.items()]
 
 
 def _of(error: str, runs: pd.DataFrame) -> pd.DataFrame:

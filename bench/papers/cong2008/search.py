@@ -30,7 +30,9 @@ _DECADE = Tolerance(0.0, "in kind within a decade", 1.0, decades=True)
 _METHODS = ("ga", "pso", "de")
 _ERRORS = ("J1", "J2", "J3")
 _FIGURES = {"J1": "Fig. 3", "J2": "Fig. 4", "J3": "Fig. 5"}
-_BITS, _DIMENSION = 10, 4
+_BITS = 10
+# a function of four variables that never improves; its points are the integers that strings stand for
+_NEVER_IMPROVING = np.zeros(4), np.full(4, 2.0**_BITS - 1), lambda points: np.ones(len(points))
 _STUDY = "cong2008_readings"
 _SECTIONS = {"ga": "4.1", "pso": "4.2"}
 _DEFAULT = "as read by default"
@@ -261,7 +263,7 @@ def _settings(printed: Printed, searches: _Searches) -> Iterator[Row]:
     how = "individuals drawn anew, seen at the gate on a function that never improves"
     stand_still = {"C1": 0.0, "C2": 0.0, "w_first": 0.0, "w_last": 0.0, "initial_velocity": "zero"}
     for method in ("ga", "pso"):
-        recorder, still = _never_improving(), stand_still if method == "pso" else {}
+        recorder, still = Recorder(*_NEVER_IMPROVING), stand_still if method == "pso" else {}
         bench.execute(recorder, optimizers.make(method, population=100, NR=1, **still), budget=1000)
         rounds = recorder.seen[:-1]  # the budget may have cut the last
         renewed = min(len(points) for points in rounds) / len(rounds[0])  # ga evaluates only who is new
@@ -336,14 +338,9 @@ def _paired(*columns: Array) -> bool:
     return bool(len(columns[0])) and len({len(column) for column in columns}) == 1
 
 
-def _never_improving() -> Recorder:
-    """Return a function whose points are the integers that strings stand for."""
-    return Recorder(np.zeros(_DIMENSION), np.full(_DIMENSION, 2.0**_BITS - 1), lambda points: np.ones(len(points)))
-
-
 def _generation(**options: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the strings of the first population and of its children, shapes (N, bits) and (N - 1, bits)."""
-    recorder = _never_improving()
+    recorder = Recorder(*_NEVER_IMPROVING)
     ga = optimizers.make("ga", population=60, precision=1.0, tournament=1, **options)
     bench.execute(recorder, ga, budget=60 + 59)
     strings = []
