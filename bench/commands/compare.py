@@ -222,12 +222,9 @@ def _score(chosen: Chosen, value: float) -> str:
 
 
 def _change(chosen: Chosen, value: float, interval: tuple[float, float]) -> str:
-    low, high = interval
+    powers = interval[0], value, interval[1]
+    low, factor, high = (plain(10**power, 3) if power < 300 else "inf" for power in powers)
     if chosen.by == "goal":
-        return f"factor {_factor(value)} [{_factor(low)}, {_factor(high)}] in evaluations"
-    least, middle, most = (f"{round(number, 3) + 0.0:.3f}" for number in (low, value, high))  # no -0.000
-    return f"{middle} [{least}, {most}], a factor {_factor(value)} in the gap"
-
-
-def _factor(value: float) -> str:
-    return f"{plain(10**value, 3)}" if value < 300 else "inf"
+        return f"factor {factor} [{low}, {high}] in evaluations"
+    least, middle, most = (f"{round(power, 3) + 0.0:.3f}" for power in powers)  # no -0.000
+    return f"{middle} [{least}, {most}], a factor {factor} in the gap"

@@ -12,11 +12,11 @@ _LISTED = 8  # of what was left out of a fit: more are counted
 
 def print_json(value: Any) -> None:
     """Print `value` as standard JSON: null for a number that is not finite, text for types that JSON does not have."""
-    print(json.dumps(finite(value), indent=1, allow_nan=False, default=_text))
-
-
-def _text(value: Any) -> str | None:
-    return None if type(value).__name__ in ("NAType", "NaTType") else str(value)  # pandas' own, which it need not load
+    missing = ("NAType", "NaTType")  # pandas' own, which it need not load
+    text = json.dumps(
+        finite(value), indent=1, allow_nan=False, default=lambda v: None if type(v).__name__ in missing else str(v)
+    )
+    print(text)
 
 
 def print_table(columns: list[str], rows: list[list[str]]) -> None:

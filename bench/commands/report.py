@@ -1,7 +1,6 @@
 """``bench report STUDY_DIR``: the tables, figures and page of a study; the last ones, where nothing has changed."""
 
 import sys
-from collections.abc import Iterable
 from contextlib import redirect_stdout
 from dataclasses import replace
 from io import StringIO
@@ -9,6 +8,8 @@ from pathlib import Path
 
 from calibench.bench.report.shared.kept import Kept
 from calibench.core.words import print_plain as print
+
+_SHOWN = (".csv", ".png", ".html")  # whose paths are printed
 
 
 def report(argv: list[str]) -> int:
@@ -18,7 +19,7 @@ def report(argv: list[str]) -> int:
         kept = Kept.read(folder)
         if kept.is_current(folder):
             sys.stdout.write(kept.text)
-            _print_paths(folder / name for name in kept.written)
+            print(*(folder / name for name in kept.written if name.endswith(_SHOWN)), sep="\n")
             print("nothing has changed since these were written")
             return 0
     import pandas as pd  # a second, with what follows
@@ -48,13 +49,7 @@ def report(argv: list[str]) -> int:
             for title, finding in zip(titles[once], lost.loc[once, "finding"], strict=True):
                 print(f"{title}: {finding}")
     sys.stdout.write(printed.getvalue())
-    _print_paths(written)
+    print(*(path for path in written if path.suffix in _SHOWN), sep="\n")
     if not damaged and not finished.manifest.get("files"):  # of classes of one's own the page may tell more, or less
         replace(Kept.read(store.folder), text=printed.getvalue()).write(store.folder)
     return tell_damaged(damaged, "`bench collect` sets it aside; it is not in the report")
-
-
-def _print_paths(paths: Iterable[Path]) -> None:
-    for path in paths:
-        if path.suffix in (".csv", ".png", ".html"):
-            print(path)

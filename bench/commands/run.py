@@ -71,7 +71,9 @@ def run(argv: list[str]) -> int:
 
     def carry(request: Request, command: str) -> Outcome:
         with show_progress(request.folder) as report:
-            return carry_out(request, report, retry, drop, command, way, _tell)
+            return carry_out(
+                request, report, retry, drop, command, way, lambda line: print(f"bench: {line}", file=sys.stderr)
+            )
 
     if any(word.partition("=")[0].partition(".")[0] == "tuner" for word in words):
         process.resume()
@@ -182,10 +184,6 @@ def _print_failures(rows: pa.Table, request: Request, way: Way) -> None:
     print(f"`bench show RUN_ID{where}` prints one of them, with the last frames of an error that Python has raised")
 
 
-def _tell(line: str) -> None:
-    print(f"bench: {line}", file=sys.stderr)
-
-
 def _dry_run(request: Request, retry_failed: bool, way: Way) -> int:
     store = ResultStore(request.folder)
     states = store.survey().states if store.folder.is_dir() else {}
@@ -244,7 +242,8 @@ def _ended_by_sigterm() -> Iterator[None]:
         if os.getpid() != pid:  # a process that a user's code has forked, such as a Pool's: it ends as it would alone
             signal.signal(number, signal.SIG_DFL)
             os.kill(os.getpid(), number)
-        _tell("stopped by SIGTERM; finished runs are kept, the same command goes on from there")
+        kept = "finished runs are kept, the same command goes on from there"
+        print(f"bench: stopped by SIGTERM; {kept}", file=sys.stderr)
         raise SystemExit(128 + number)
 
     try:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calibench.bench.commands.console import print_json, print_table
-from calibench.bench.store.manifest import Notes, read_notes, write_notes
+from calibench.bench.store.manifest import Notes, StoreError, read_notes, write_notes
 from calibench.bench.tracking.catalogue import advice_on, catalogue, find_study, line_of
 from calibench.bench.verbs import HistoryWords, TrackingWords, UiWords
 from calibench.bench.words import read, split_flags, split_word
@@ -64,8 +64,19 @@ def note(argv: list[str]) -> int:
     results, plain = _named("note", argv)
     if len(plain) > 2:
         raise ValueError('note: a study or run and one text are needed, such as bench note adhoc "best so far"')
-    text = plain[1] if len(plain) > 1 else ""
-    folder, run_id = _study_or_run(results, plain[0])
+    [name], text, run_id = plain[:1], "".join(plain[1:]), ""
+    try:
+        folder, _ = find_study(results, name)
+    except ValueError:
+        if not name.isalnum():
+            raise
+        from calibench.bench.report.one_run import find_run
+
+        try:
+            found = find_run(results, name)  # by its first digits
+        except StoreError as error:
+            raise ValueError(f"note: {name}: is no study in {results}, and no run: {error}") from None
+        folder, run_id = found.folder, str(found.row["run_id"])
     if not text:
         noted = read_notes(folder)
         for one in noted.notes:
@@ -90,7 +101,7 @@ def tag(argv: list[str]) -> int:
 
 def archive(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("--undo",))
-    results, [name] = _one("archive", words)
+    results, [name] = _named("archive", words, alone=True)
     folder, _ = find_study(results, name)
     _change(folder, lambda notes: replace(notes, archived="--undo" not in flags))
     print(f"{folder}: is {'listed again' if '--undo' in flags else 'archived; `bench studies archived=*` lists it'}")
@@ -99,20 +110,19 @@ def archive(argv: list[str]) -> int:
 
 def delete_study(argv: list[str]) -> int:
     """Delete what bench wrote in a study's folder, after a question."""
-    from calibench.bench.tracking.pack import amount, delete, files_of_ours
+    from calibench.bench.tracking.pack import delete, files_of_ours
 
     flags, words = split_flags(argv, ("--yes",))
-    results, [name] = _one("delete", words)
+    results, [name] = _named("delete", words, alone=True)
     folder, entry = find_study(results, name)
     if folder == results:
         raise ValueError(f"delete: {results}: is the results folder itself; give the one above it by results=")
     mine, others = files_of_ours(folder)
     if "--yes" not in flags:
+        size = f"{counted(len(mine), 'file')}, {entry.size / 1e6:.2f} MB"
         if not sys.stdin.isatty():
-            size = amount(len(mine), entry.size)
             raise ValueError(f"delete: nobody can be asked here; --yes deletes {folder} ({size})")
-        what = f"{entry.kind}, {entry.done} done, {amount(len(mine), entry.size)}"
-        print(f"delete {folder}: {what}? Type its name: ", end="")
+        print(f"delete {folder}: {entry.kind}, {entry.done} done, {size}? Type its name: ", end="")
         sys.stdout.flush()
         if sys.stdin.readline().strip() != entry.study:
             print("nothing was deleted")
@@ -172,7 +182,7 @@ def pack_study(argv: list[str]) -> int:
     from calibench.bench.tracking.pack import pack
 
     to, words = split_word(argv, "--to")
-    results, [name] = _one("pack", words)
+    results, [name] = _named("pack", words, alone=True)
     folder, entry = find_study(results, name)
     path, digest = pack(folder, entry, Path(*to) if to else Path(f"{folder.resolve().name}.zip"))
     print(f"{path}: {entry.study}, {path.stat().st_size / 1e6:.2f} MB; digest {digest}")
@@ -184,7 +194,7 @@ def unpack_study(argv: list[str]) -> int:
     from calibench.bench.tracking.pack import unpack
 
     flags, words = split_flags(argv, ("--trust",))
-    results, [name] = _one("unpack", words)
+    results, [name] = _named("unpack", words, alone=True)
     done = unpack(Path(name), results, "--trust" in flags)
     print(f"{done.folder}: {counted(done.files, 'file')}, all as they were packed; digest {done.digest}")
     if done.left:
@@ -209,10 +219,8 @@ def ui(argv: list[str]) -> int:
             raise
         raise ValueError("ui: needs starlette and uvicorn; pip install 'calibench[ui]'") from None
 
-    def tell(address: str) -> None:
-        print(f"open {address}\nCtrl-C ends it", flush=True)
-
-    serve(results, given.port, write="--write" in flags, tell=tell)
+    said = "open {}\nCtrl-C ends it"
+    serve(results, given.port, write="--write" in flags, tell=lambda at: print(said.format(at), flush=True))
     return 0
 
 
@@ -244,38 +252,15 @@ def _folder(verb: str, words: Sequence[str]) -> tuple[str, list[str]]:
     return "".join(folders), [word for word in words if word not in folders]
 
 
-def _named(verb: str, argv: Sequence[str]) -> tuple[Path, list[str]]:
-    """Return results= and the other words, of which there is one at least."""
+def _named(verb: str, argv: Sequence[str], alone: bool = False) -> tuple[Path, list[str]]:
+    """Return results= and the other words, of which there is one at least, or just one."""
     given = [word for word in argv if word.startswith("results=")]
     plain = [word for word in argv if word not in given]
     if not plain:
         raise ValueError(f"{verb}: a study is needed, by its name in the results folder; `bench studies` lists them")
-    return Path(read(TrackingWords, verb, given).results), plain
-
-
-def _one(verb: str, argv: Sequence[str]) -> tuple[Path, list[str]]:
-    results, plain = _named(verb, argv)
-    if len(plain) > 1:
+    if alone and len(plain) > 1:
         raise ValueError(f"{verb}: one study is needed; {plain[1]!r} is a second word")
-    return results, plain
-
-
-def _study_or_run(results: Path, name: str) -> tuple[Path, str]:
-    """Return the folder of a study, and the id where a run of it is named by its first digits."""
-    from calibench.bench.store.manifest import StoreError
-
-    try:
-        return find_study(results, name)[0], ""
-    except ValueError:
-        if not name.isalnum():
-            raise
-        from calibench.bench.report.one_run import find_run
-
-        try:
-            found = find_run(results, name)
-        except StoreError as error:
-            raise ValueError(f"note: {name}: is no study in {results}, and no run: {error}") from None
-        return found.folder, str(found.row["run_id"])
+    return Path(read(TrackingWords, verb, given).results), plain
 
 
 def _change(folder: Path, how: Any) -> Notes:

@@ -77,7 +77,11 @@ def _write_function(home: Path, algorithm: str, number: int, name: str, runs: Se
             best_of["y"] = y if isfinite(y) else None  # JSON has no infinity
             best_of["x"] = [] if x is None else [float(value) for value in x]
             counts = {"instance": _instance(run), "evals": int(run.row["charged"])}
-            listed.append(counts | {"best": best_of, "repetition": int(run.row["repetition"])} | _judged_of(run))
+            listed.append(counts | {"best": best_of, "repetition": int(run.row["repetition"])})
+            if pd.notna(run.row["judged_evaluations"]):
+                value = float(run.row["judged_value"])
+                judged = {"judged_value": value if isfinite(value) else None}  # JSON has no infinity
+                listed[-1] |= judged | {"judged_evaluations": int(run.row["judged_evaluations"])}
         (home / path).write_text("evaluations raw_y\n" + "".join(lines), encoding="ascii")
         scenarios.append({"dimension": dimension, "path": path, "runs": listed})
     row = runs[0].row
@@ -102,15 +106,6 @@ def _write_function(home: Path, algorithm: str, number: int, name: str, runs: Se
     }  # fmt: skip
     text = json.dumps(description, indent=1, allow_nan=False)
     (home / f"IOHprofiler_f{number}_{name}.json").write_text(text + "\n", encoding="utf-8")
-
-
-def _judged_of(run: RunRecord) -> dict[str, Any]:
-    """Return how the answer was judged, as attributes of a run; nothing where values are not noisy."""
-    if pd.isna(run.row["judged_evaluations"]):
-        return {}
-    value = float(run.row["judged_value"])
-    evaluations = int(run.row["judged_evaluations"])
-    return {"judged_value": value if isfinite(value) else None, "judged_evaluations": evaluations}
 
 
 def _instance(run: RunRecord) -> int:

@@ -11,6 +11,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from calibench.bench.exchange.studies import Study, algorithm_names, course_of, gap_of_level, records, traces_by_run
 from calibench.bench.statistics.cells import CELL
 from calibench.bench.statistics.names import problem_titles
@@ -43,7 +45,7 @@ def write_mlflow(study: Study, to: str) -> list[str]:
     there = client.get_experiment_by_name(study.store.study)
     experiment = str(client.create_experiment(study.store.study) if there is None else there.experiment_id)
     began: dict[str, int | None] = {  # milliseconds
-        row["run_id"]: int(row["started_at"].timestamp() * 1000) if _is_known(row["started_at"]) else None
+        row["run_id"]: int(row["started_at"].timestamp() * 1000) if pd.notna(row["started_at"]) else None
         for row in records(runs[["run_id", "started_at"]])
     }
     # half-written and outdated runs go; what stays are the ids of ours, and parents by cell
@@ -83,7 +85,7 @@ def write_mlflow(study: Study, to: str) -> list[str]:
             client.set_terminated(parents[mark])
         for row in new:
             points = [(p.charged, p.value) for p in course_of(row, traces.get(row["run_id"]))]
-            tags = {f"calibench.{n}": str(row[n])[:_LONGEST] for n in _TAGS if _is_known(row[n]) and row[n] != ""}
+            tags = {f"calibench.{n}": str(row[n])[:_LONGEST] for n in _TAGS if pd.notna(row[n]) and row[n] != ""}
             marks = {_RUN: row["run_id"], _PARENT: parents[mark]}
             number = _add(
                 client, experiment, f"{name} #{row['repetition']}", marks, _asked(row, of_run=True),
@@ -140,7 +142,7 @@ def _add(
 
 def _asked(row: Mapping[str, Any], *, of_run: bool) -> dict[str, str]:
     """Return the parameters: what was asked, the options one by one; those of the run alone where `of_run`."""
-    params = {name: str(row[name]) for name in _ASKED if _is_known(row[name]) and (of_run or name not in _OF_A_RUN)}
+    params = {name: str(row[name]) for name in _ASKED if pd.notna(row[name]) and (of_run or name not in _OF_A_RUN)}
     for of in ("problem", "optimizer"):
         for key, value in json.loads(row[f"{of}_options"]).items():
             params[f"{of}.{key}"] = json.dumps(value) if isinstance(value, list | dict) else str(value)
@@ -155,7 +157,7 @@ def _metrics(row: Mapping[str, Any], points: list[tuple[int, float]]) -> Iterato
         yield "best", points[-1][1], end
     for name in _MEASURED:
         measured: Any = row.get(name)
-        if _is_known(measured) and isfinite(measured):
+        if pd.notna(measured) and isfinite(measured):
             yield name, float(measured), end
     if row["status"] == "failed":  # it reached nothing: it has no answer that was judged
         return
@@ -163,14 +165,10 @@ def _metrics(row: Mapping[str, Any], points: list[tuple[int, float]]) -> Iterato
     # minimum of 394.48 the levels of small gaps are alike in six digits. Where six are too few to tell the targets
     # apart, all digits are told. MLflow takes no plus sign: 1e+06 is written 1e06
     levels, minimum = [float(level) for level in row["targets"]], row["minimum"]
-    gaps = _is_known(minimum) and minimum != 0
+    gaps = pd.notna(minimum) and minimum != 0
     numbers = [gap_of_level(level, float(minimum)) if gaps else level for level in levels]
     short = [f"{number:.6g}" for number in numbers]
     texts = short if len(set(short)) == len(set(levels)) else [repr(number) for number in numbers]
     for text, hit in zip(texts, row["hits_charged"], strict=True):
-        if _is_known(hit):
+        if pd.notna(hit):
             yield ("charged_to_gap_" if gaps else "charged_to_") + text.replace("+", ""), float(hit), end
-
-
-def _is_known(value: Any) -> bool:
-    return value is not None and bool(value == value)

@@ -26,9 +26,8 @@ from calibench.bench.store.manifest import StoreError, read_notes, studies_in
 from calibench.bench.store.runs import ResultStore
 from calibench.core.registry import MissingFile, NotImported, names_of_files
 from calibench.core.words import listed, plain
-from calibench.problems.base import parameters_of
+from calibench.problems.base import Array, parameters_of
 
-Array = NDArray[np.float64]
 _TARGETS = 12  # that are listed
 _NAMED = ("problem", "optimizer", "repetition", "status")  # of a candidate
 _LISTED = 8  # candidates that are named
@@ -50,20 +49,20 @@ def show_run(run: Found) -> str:
     if row["best_evaluation"]:
         best = f"{row['best_value']:.6g}{unit} at evaluation {row['best_evaluation']}"
     lines.append(f"best       {best}")
-    if _is_known(row["judged_evaluations"]):
+    if pd.notna(row["judged_evaluations"]):
         fresh = int(row["judged_evaluations"])
         how = f"mean of {fresh} fresh evaluations" if fresh else "without noise"
         lines.append(f"judged     {row['judged_value']:.6g}{unit} ({how})")
-    if _is_known(row["minimum"]):
+    if pd.notna(row["minimum"]):
         gap = f": {plain(row['best_value'] - row['minimum'], 4)} above it" if row["best_evaluation"] else ""
         lines.append(f"minimum    {row['minimum']:.6g}{unit}, as the problem declares{gap}")
-    if _is_known(row["kmrmse"]):
+    if pd.notna(row["kmrmse"]):
         raw, aligned, phi = (plain(row[name], 4) for name in ("kmrmse", "kmrmse_aligned", "gauge_phi"))
         lines.append(f"merit      kmrmse {raw} mm, modulo the gauge {aligned} mm, phi {phi} rad")
     if isinstance(row["merit"], str):
         merits = json.loads(row["merit"]).items()
         lines.append("merit      " + ", ".join(f"{k} {v:.6g}" if type(v) is float else f"{k} {v}" for k, v in merits))
-    if row["best_evaluation"] and _is_known(row["inside_box"]):
+    if row["best_evaluation"] and pd.notna(row["inside_box"]):
         bounds = ", ".join(row["at_bound"]) or "none"
         lines.append(f"box        {'inside' if row['inside_box'] else 'outside'}; at a bound: {bounds}")
     finite = run.trace[np.isfinite(run.trace["best_value"].to_numpy(dtype=float))]
@@ -71,7 +70,7 @@ def show_run(run: Found) -> str:
         charged, values, restarts = (finite[key].to_numpy(dtype=float) for key in ("charged", "best_value", "restart"))
         curve = Curve(charged, values, np.nan_to_num(restarts))
         again = bool(curve.restarts.any())
-        line = sparkline(curve, float(row["minimum"]) if _is_known(row["minimum"]) else None)
+        line = sparkline(curve, float(row["minimum"]) if pd.notna(row["minimum"]) else None)
         lines += [
             "", "curve, over the logarithm of what was charged:",
             f"  {plain(values[0], 4)}{unit} {line} {plain(values[-1], 4)}{unit}",
@@ -82,7 +81,7 @@ def show_run(run: Found) -> str:
             lines.append(f"  {at:9.0f}  {values[i]:12.6g}" + (f"  {curve.restarts[i]:8.0f}" if again else ""))
     hits = list(zip(map(float, row["targets"]), row["hits"], row["hits_charged"], strict=True))
     if hits:
-        reached = [(level, int(hit), int(charged)) for level, hit, charged in hits if _is_known(hit)]
+        reached = [(level, int(hit), int(charged)) for level, hit, charged in hits if pd.notna(hit)]
         missed = [level for level, _, _ in hits if level not in {level for level, _, _ in reached}]
         places = sorted({round(place) for place in np.linspace(0, len(reached) - 1, _TARGETS)}) if reached else []
         some = f", {len(places)} of them" if len(places) < len(reached) else ""
@@ -104,21 +103,25 @@ def show_run(run: Found) -> str:
 
 def _asked_and_ended(row: Mapping[str, Any]) -> list[str]:
     library = " ".join(str(row[name]) for name in ("library", "library_version") if isinstance(row[name], str))
-    target = f", target {row['target']:g}" if _is_known(row["target"]) else ""
+    target = f", target {row['target']:g}" if pd.notna(row["target"]) else ""
     # options as JSON with letters beyond ASCII as they are
     problem, optimizer = (
         json.dumps(json.loads(row[f"{of}_options"]), separators=(",", ":"), ensure_ascii=False)
         for of in ("problem", "optimizer")
     )
-    budget = _whole(row["budget"])
-    ended = ", ".join(dict.fromkeys(_text(row[name]) for name in ("status", "stop_reason")))
+    budget, jacobians = (
+        str(int(row[name])) if pd.notna(row[name]) else "?" for name in ("budget", "jacobian_evaluations")
+    )
+    texts = (row[name] for name in ("status", "stop_reason", "start", "code_digest"))
+    status, reason, start, code = (text if isinstance(text, str) and text else "not known" for text in texts)
+    ended = status if reason == status else f"{status}, {reason}"
     error = " ".join(str(row[name]) for name in ("error_type", "error") if isinstance(row[name], str))
-    seconds = f", {plain(row['wall_s'], 3)} s" if _is_known(row["wall_s"]) else ""
+    seconds = f", {plain(row['wall_s'], 3)} s" if pd.notna(row["wall_s"]) else ""
     lines = [
         f"problem    {row['problem']} {problem}", f"optimizer  {row['optimizer']} {optimizer}  ({library.rstrip()})",
-        f"asked      repetition {row['repetition']}, {_text(row['start'])} start, budget {budget}{target}",
-        f"code       {_text(row['code_digest'])}", f"ended      {ended} {error}".rstrip(),
-        f"cost       {row['evaluations']} evaluations, {_whole(row['jacobian_evaluations'])} Jacobians: "
+        f"asked      repetition {row['repetition']}, {start} start, budget {budget}{target}",
+        f"code       {code}", f"ended      {ended} {error}".rstrip(),
+        f"cost       {row['evaluations']} evaluations, {jacobians} Jacobians: "
         f"{row['charged']} charged of {budget}{seconds}",
     ]  # fmt: skip
     changes = row.get("process_changes")
@@ -129,8 +132,8 @@ def _asked_and_ended(row: Mapping[str, Any]) -> list[str]:
         ("non_finite", "not finite", " of the values"),
         ("non_finite_slopes", "not finite", " entries of gradients and Jacobians, read as 0"),
     ):
-        if _is_known(row[name]) and row[name]:
-            lines.append(f"{before} {_whole(row[name])}{after}")
+        if pd.notna(row[name]) and row[name]:
+            lines.append(f"{before} {int(row[name])}{after}")
     return lines
 
 
@@ -167,18 +170,6 @@ def _parameters(row: Mapping[str, Any]) -> list[str]:
 def _fixed(value: float) -> str:
     """Return a value with six digits after the point; with a power of ten where these would not tell it."""
     return f"{value:.6f}" if not value or 1e-4 <= abs(value) < 1e7 else f"{value:.6e}"
-
-
-def _is_known(value: Any) -> bool:
-    return value is not None and bool(value == value)
-
-
-def _text(value: Any) -> str:
-    return value if isinstance(value, str) and value else "not known"
-
-
-def _whole(value: Any) -> str:
-    return str(int(value)) if _is_known(value) else "?"
 
 
 @final

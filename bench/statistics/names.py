@@ -91,12 +91,10 @@ def options_seen(runs: pd.DataFrame, problem: str, option: str) -> set[Any]:
 
 def method_titles(table: pd.DataFrame) -> pd.Series:
     """Return for each row its method, with the options that are not the default; one's own as beside the others."""
-    return name_rows(table, METHOD, _titles_of_methods)
-
-
-def _titles_of_methods(methods: Sequence[tuple[str, str]]) -> list[str]:
-    beside = zip(methods, names_of_methods(methods), strict=True)
-    return [method_name(*method) if method[0] in optimizers.registry else name for method, name in beside]
+    return name_rows(table, METHOD, lambda methods: [
+        method_name(*method) if method[0] in optimizers.registry else name
+        for method, name in zip(methods, names_of_methods(methods), strict=True)
+    ])  # fmt: skip
 
 
 def name_of_each(runs: pd.DataFrame, names: pd.Series) -> dict[tuple[str, str], str]:

@@ -30,8 +30,7 @@ class Reason:
 class SweepProgress:
     """Counts of runs: `left` by what a cell is called, `mixed` cells hold two codes, `pace` is in runs a second.
 
-    `in_other_shards` are neither planned nor done here. `hosts` are at work on it. `command` is the last that added
-    runs.
+    `in_other_shards` are neither planned nor done here; `hosts` are at work; `command` is the last that added runs.
     """
 
     planned: int

@@ -354,11 +354,7 @@ def goal_hits(runs: Columns) -> Array:
 
 def endings(table: pd.DataFrame) -> pd.Series:
     """Return of each row's method "restarts", "stops", or "" where it spends the budget or is not known here."""
-    return name_rows(table, METHOD, _endings)
-
-
-def _endings(methods: Sequence[tuple[str, str]]) -> list[str]:
-    kinds = dict.fromkeys(methods, "")
+    kinds = dict.fromkeys(zip(*(plain(table[name]) for name in METHOD), strict=True), "")
     for optimizer, text in kinds:
         options = json.loads(text)
         if options.get("restarts"):
@@ -370,7 +366,7 @@ def _endings(methods: Sequence[tuple[str, str]]) -> list[str]:
                 kinds[optimizer, text] = "stops" if stops else ""
             except (ValueError, AttributeError):  # options of another version, or a class without traits
                 pass
-    return [*kinds.values()]
+    return name_rows(table, METHOD, lambda methods: [kinds[method] for method in methods])
 
 
 @cache

@@ -50,8 +50,7 @@ def once(key: tuple[str, ...], make: Callable[[], Any]) -> Any:
 def problem_of(row: Mapping[str, Any] | pd.Series, leaves_out: str = OF_THE_DATA) -> Any:
     """Return the problem a row was made with; `leaves_out` is what is not told without it.
 
-    Raises `ValueError` where it cannot be built here: its class is somebody's own, or a file that it reads is
-    elsewhere.
+    Raises `ValueError` where it cannot be built here: its class, or a file that it reads, is elsewhere.
     """
     name, options = row["problem"], row["problem_options"]
     try:
@@ -134,8 +133,7 @@ def overview(
     """Return a field of methods, best first: a row for each cell (`bench.statistics.cells`), a method's together.
 
     Columns are `_OVERVIEW`: of the method over all tasks rank, solved, mean_place, tasks, of_tasks; of the cell the
-    others; with `costs` objective_s_median and objective_s_to_target. `cells` is the summary of the runs, where it is
-    made already.
+    others; with `costs` objective_s_median and objective_s_to_target. `cells` is the summary, if it is made already.
     """
     cells = summary(runs, costs) if cells is None else cells.copy()
     cells["place"] = ranking.places(cells)

@@ -42,8 +42,7 @@ def levels_of(runs: pd.DataFrame, wanted: Mapping[str, Sequence[float]] | None =
     """Return the targets of each problem in `runs`, a row each (columns `LEVELS`), the largest of a quantity first.
 
     `level` is the value that reaches the target, NaN of a quantity of the answer; `inside`: only an answer in the box
-    can. `wanted` is {quantity: targets} in place of the defaults. Raises `ValueError` for a quantity that the runs
-    lack.
+    can. `wanted` is {quantity: targets} in place of the defaults; `ValueError` for a quantity that the runs lack.
     """
     names = ["value", "gap", "noise", *OF_THE_ANSWER]
     figures = [str(name) for name in runs.columns if str(name).startswith(PREFIX)]

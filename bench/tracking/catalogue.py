@@ -140,7 +140,7 @@ def entries(results: Path) -> Iterator[Entry]:
     if now != kept:
         with suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(path, lambda file: file.write(json.dumps(now, default=vars).encode()))
+            write_whole(path, json.dumps(now, default=vars).encode())
 
 
 def _walk(results: Path, foreign: Container[str]) -> Iterator[tuple[str, str, list[File]]]:

@@ -34,7 +34,6 @@ from calibench.bench.tracking.catalogue import CALIBRATION, HAND_EYE, MANIFEST, 
 from calibench.bench.tracking.tables import calibration_in, check_table, rows_in
 from calibench.bench.words import check_study
 from calibench.core.plain import json_of
-from calibench.core.words import counted
 
 KIND, LISTING = "calibench pack", "pack.json"
 MOST_FILES, LARGEST, LARGEST_LISTING = 20_000, 4_000_000_000, 20_000_000  # files; bytes in all; bytes of the listing
@@ -102,9 +101,6 @@ def files_of_ours(folder: Path) -> tuple[list[Path], list[Path]]:
     return sorted(mine), others
 
 
-# packing
-
-
 def pack(folder: Path, entry: Entry, to: Path) -> tuple[Path, str]:
     """Write a study as one file; return its path and the digest of its content. The study stays as it is."""
     if os.path.lexists(to):
@@ -153,9 +149,6 @@ def pack(folder: Path, entry: Entry, to: Path) -> tuple[Path, str]:
                         shutil.copyfileobj(source, target, _AT_ONCE)
 
         return write_whole(to, write), blake2b(text.encode(), digest_size=16).hexdigest()
-
-
-# unpacking
 
 
 @final
@@ -302,9 +295,6 @@ def _check_member(member: zipfile.ZipInfo) -> None:
         raise _Refused(f"{member.filename!a:.100}: is packed in a way that `bench pack` does not use")
 
 
-# deleting
-
-
 def delete(folder: Path) -> tuple[int, list[Path]]:
     """Delete what is ours in a study's folder, and the folder where nothing else is in it; return how many files, and
     what was left. Raises `ValueError` while somebody is at work there.
@@ -321,8 +311,3 @@ def delete(folder: Path) -> tuple[int, list[Path]]:
         with suppress(OSError):  # something that is not ours stands in it
             os.rmdir(here)
     return len(mine), others
-
-
-def amount(files: int, size: int) -> str:
-    """Return how much a study is, for the question whether it is to be deleted."""
-    return f"{counted(files, 'file')}, {size / 1e6:.2f} MB"

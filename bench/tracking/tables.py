@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from calibench.bench.discovery.store import FINDINGS_SCHEMA, GAPS_SCHEMA
 from calibench.bench.store.arrays import HITS_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, cast_table
 from calibench.bench.store.manifest import StoreError
-from calibench.bench.store.tables import is_whole, parquet_file
+from calibench.bench.store.tables import is_whole, parquet_file, unreadable
 from calibench.bench.tracking.catalogue import CALIBRATION, HAND_EYE, Entry, catalogue
 from calibench.core.options import suggest
 from calibench.core.plain import json_of
@@ -78,7 +78,7 @@ def rows_in(folder: Path, name: TableName, columns: Sequence[str]) -> pa.Table:
                 table = table.append_column(column, pa.nulls(len(table), schema.field(column).type))
         return cast_table(table.select(list(columns)), schema)
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
-        raise _unreadable(path, error) from None
+        raise unreadable(path.name, error) from None
 
 
 def check_table(path: Path, *, sealed: bool) -> pq.ParquetFile:
@@ -99,12 +99,7 @@ def check_table(path: Path, *, sealed: bool) -> pq.ParquetFile:
             raise StoreError(f"{path.name}: has not its seal: it was changed, or a version without seals wrote it")
         return table
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
-        raise _unreadable(path, error) from None
-
-
-def _unreadable(path: Path, error: Exception) -> StoreError:
-    first = str(error).splitlines()[0] if str(error) else type(error).__name__
-    return StoreError(f"{path.name}: cannot be read ({first})")
+        raise unreadable(path.name, error) from None
 
 
 def calibration_in(folder: Path) -> dict[str, Any] | None:
@@ -240,13 +235,15 @@ def _answer(text: str, groups: Groups, in_memory: Mapping[str, pa.Table]) -> tup
         asked = engine.extract_statements(text)
         if len(asked) != 1 or asked[0].type != duckdb.StatementType.SELECT:
             raise ValueError("sql: one SELECT is needed; nothing is written by SQL")
-        allowed = [str(path) for of_one in groups.values() for paths in of_one for path in paths]
-        engine.execute(f"set allowed_paths = [{', '.join(map(_quoted, allowed))}]")
+        quoted = {  # in the words of SQL
+            name: [", ".join("'" + str(path).replace("'", "''") + "'" for path in paths) for paths in of_one if paths]
+            for name, of_one in groups.items()
+        }
+        engine.execute(f"set allowed_paths = [{', '.join(part for parts in quoted.values() for part in parts)}]")
         engine.execute("set enable_external_access = false")
         engine.execute("set python_enable_replacements = false")
         engine.execute("set lock_configuration = true")
-        for name, of_one in groups.items():
-            parts = [", ".join(_quoted(str(path)) for path in paths) for paths in of_one if paths]
+        for name, parts in quoted.items():
             engine.register(f"no_{name}", SCHEMAS[name].empty_table())
             views = [f"from no_{name}", *(f"from read_parquet([{part}])" for part in parts)]
             more = f", {_REACHED} as reached" if name == "runs" else ""
@@ -255,10 +252,6 @@ def _answer(text: str, groups: Groups, in_memory: Mapping[str, pa.Table]) -> tup
             engine.register(name, table)
         rows = engine.execute(text)
         return [column[0] for column in rows.description or ()], rows.fetchall()
-
-
-def _quoted(text: str) -> str:
-    return "'" + text.replace("'", "''") + "'"
 
 
 _ARROW: dict[Any, pa.DataType] = {int: pa.int64(), bool: pa.bool_()}  # any other is text

@@ -68,6 +68,8 @@ _ROWS = 100  # of a table at a time: a browser draws five hundred in a second
 _KEPT = 4  # pages of studies
 _CELLS = 20  # histories on a page
 _NAMED = ("problem", "optimizer")
+# of what the scripts that draw read: the page of a report has more
+_NO_CELLS: dict[str, Any] = {"problems": [], "cells": {"problem": [], "method": []}}
 _LARGEST_FORM = 100_000  # bytes
 _ORDERS: tuple[By, ...] = ("goal", "value", "charged")
 _COLUMNS = ("run_id", "problem", "optimizer", "repetition", "status", "stop_reason", "best_value", "charged", "wall_s")
@@ -218,8 +220,6 @@ class _Site:
         )  # fmt: skip
         return HTMLResponse(text, code)
 
-    # -- the catalogue
-
     def _entries(self) -> dict[str, Entry]:
         """Return all entries by their ids, as they were a moment ago at most."""
         if time.monotonic() > self._until:
@@ -268,8 +268,6 @@ class _Site:
         line = {name: " ".join(text.split()) for name, text in line_of(entry).items()}
         more = {"id": id_of(entry), "status": status, "archived": entry.archived, "tag": entry.tag}
         return line | more | {"notes": entry.notes}
-
-    # -- one study
 
     def _frame(self, request: Request) -> tuple[Path, Entry, dict[str, Any]]:
         folder, entry = self._asked(request.path_params["id"])
@@ -343,14 +341,14 @@ class _Site:
         row, trace = found.row, found.trace
         curve = {"x": trace["charged"].tolist(), "y": [v if np.isfinite(v) else None for v in trace["best_value"]]}
         title = f"{row['optimizer']} on {row['problem']}, run {row['run_id']}"
-        numbers = _numbers(methods=[{"name": str(row["optimizer"])}], curve=curve)
+        numbers = as_json(_NO_CELLS | {"methods": [{"name": str(row["optimizer"])}], "curve": curve})
         return self._html("run", title, **values, story=show_run(found), row=row, numbers=numbers, tab="runs")
 
     def live(self, request: Request) -> Response:
         _, entry, values = self._frame(request)
         if entry.kind != "runs":
             raise HTTPException(404)
-        return self._html("live", entry.study, **values, numbers=_numbers(methods=[]), tab="live")
+        return self._html("live", entry.study, **values, numbers=as_json(_NO_CELLS | {"methods": []}), tab="live")
 
     async def events(self, request: Request) -> Response:
         """Answer with what changes in a sweep, as it changes."""
@@ -391,8 +389,6 @@ class _Site:
             raise HTTPException(422, str(error)) from None
         self._until = 0.0
         return RedirectResponse(f"/study/{request.path_params['id']}?page", 303)
-
-    # -- over studies
 
     def compare(self, request: Request) -> Response:
         given = request.query_params
@@ -477,11 +473,6 @@ def _pages_in(folder: Path, entry: Entry) -> list[Path]:
     if entry.kind == "runs" and first not in there:
         return [first, *there] if entry.done else there
     return there
-
-
-def _numbers(**values: Any) -> Markup:
-    """Return what the scripts that draw read; the page of a report has more."""
-    return as_json({"problems": [], "cells": {"problem": [], "method": []}} | values)
 
 
 def _whole(text: str) -> int:

@@ -9,7 +9,7 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.report.shared.drawing import COLOURS, DASHES, Drawings
-from calibench.bench.report.study import write
+from calibench.bench.report.study import figures, write
 from calibench.bench.report.study.answer import answer
 from calibench.bench.report.study.explored import (
     Panel,
@@ -22,7 +22,7 @@ from calibench.bench.report.study.explored import (
     scripts,
 )
 from calibench.bench.report.study.html_tables import by_error, methods
-from calibench.bench.report.study.page import anchor, contents, headline, problems_of
+from calibench.bench.report.study.page import contents, headline
 from calibench.bench.report.study.write import report_progress, write_report
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL
@@ -49,8 +49,8 @@ def store(tmp_path_factory):
 
 def panels_of(runs):
     return [
-        Panel(title, error, anchor(title), mine, optimum_of(mine))
-        for title, group in problems_of(runs).items()
+        Panel(title, error, f"problem-{figures.file_name(title)}", mine, optimum_of(mine))
+        for title, group in figures.panels_of(runs).items()
         for error, mine in by_error(group)
     ]
 

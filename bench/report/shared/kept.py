@@ -9,12 +9,13 @@ import json
 import os
 import pickle
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from hashlib import blake2b
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Self, final
 
 from calibench import bench
@@ -52,8 +53,7 @@ class Kept:
         return bool(self.text) and self.files == state_of(folder, self.files)
 
     def write(self, folder: Path) -> None:
-        text = json.dumps(asdict(self))
-        write_whole(folder / RECORD, lambda file: file.write(text.encode()))
+        write_whole(folder / RECORD, json.dumps(asdict(self)).encode())
 
 
 NOTHING_KEPT = Kept()
@@ -104,15 +104,8 @@ def digest(value: Any) -> str:
     """Return a digest of a value by its pickle: equal digests are equal values; "" of what has none."""
     seen = blake2b(digest_size=16)
     try:
-        pickle.Pickler(_Hashed(seen.update), protocol=5).dump(value)
+        hashed: Any = SimpleNamespace(write=seen.update)  # a file of which nothing is kept
+        pickle.Pickler(hashed, protocol=5).dump(value)
     except (pickle.PicklingError, AttributeError, TypeError):  # a function within another one
         return ""
     return seen.hexdigest()
-
-
-@final
-@dataclass(frozen=True)
-class _Hashed:
-    """A file of which nothing is kept."""
-
-    write: Callable[[bytes], object]

@@ -12,7 +12,7 @@ from typing import Any, Literal, final
 import numpy as np
 import pandas as pd
 
-from calibench.bench.report.study.html_tables import lost_of
+from calibench.bench.report.study.html_tables import count, lost_of
 from calibench.bench.statistics import ranking, summary as stats
 from calibench.bench.statistics.best import MANY, Method, Rival, against_each
 from calibench.bench.statistics.cells import METHOD, PROBLEM
@@ -76,7 +76,7 @@ def answer(
     cut = remaining.get(int(most), 0) if budgets else 0
     if len(finished) > 1 or runs["budget"].nunique(dropna=False) > 1:
         runs, cells = (table[table["budget"] == most] for table in (runs, cells))
-    within = f"Within {_spaced(most)} evaluations a run" if budgets else "Of published runs, which tell no budget"
+    within = f"Within {count(most)} evaluations a run" if budgets else "Of published runs, which tell no budget"
     called = name_of_each(runs, names)
     # methods, best first; places are among those that were run on every task, where there are some
     ranked = ranking.methods(cells)
@@ -85,7 +85,7 @@ def answer(
     pairs = (tuple(pair) for table in (among, ranked) for pair in table[METHOD].itertuples(index=False))
     first, *others = dict.fromkeys(pairs)
     if (runs["status"] == "failed").all():
-        best = f"{within}, no run ended well: {_spaced(len(runs))} failed."
+        best = f"{within}, no run ended well: {count(len(runs))} failed."
         return Answer("undecided", best, "Nothing is compared.", compared)
     seen = runs[COLUMN][np.isfinite(stats.goals_of(runs))] if COLUMN in runs else pd.Series(dtype=bool)
     goal = "the goal (or else the lowest value seen)" if seen.any() else "the goal"
@@ -95,12 +95,12 @@ def answer(
     mine = runs[by_first & (runs["status"] != "failed")]
     if outside := int(outside_box(mine).sum()):  # which others may have kept
         lie = "lies" if outside == 1 else "lie"
-        best += f" {_spaced(outside)} of its {counted(len(mine), 'answer')} {lie} outside the box."
+        best += f" {count(outside)} of its {counted(len(mine), 'answer')} {lie} outside the box."
     if cut and not others:
         best = f"{within}, one method has runs so far: {called[first]}."
     if cut:
         done = len(runs)
-        share = f"{_spaced(done)} of {_spaced(done + cut)} planned runs are done"
+        share = f"{count(done)} of {count(done + cut)} planned runs are done"
         sure = f"The sweep is not finished ({share}): nothing is decided yet."
         return Answer("undecided", best, sure, compared, called[first])
     if not others:
@@ -196,13 +196,13 @@ def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within:
         hits, tries, here = int(some["reached"].sum()), int(some["runs"].sum()), len(some[PROBLEM].drop_duplicates())
         if here < problems and hits > won / total * tries:
             name = called[str(pair[0]), str(pair[1])]
-            better.append(f"{name} in {_spaced(hits)} of {counted(tries, 'run')} on the {here} that it was run on")
+            better.append(f"{name} in {count(hits)} of {counted(tries, 'run')} on the {here} that it was run on")
     more = f", and {len(better) - _FEW} more" if len(better) > _FEW else ""
     fewer = f" On fewer problems a larger share reaches it: {'; '.join(better[:_FEW])}{more}." if better else ""
-    soonest = f", after {_spaced(float(cost.median()))} evaluations (median over the problems)" if len(cost) else ""
+    soonest = f", after {count(float(cost.median()))} evaluations (median over the problems)" if len(cost) else ""
     interval = f"; 95 % interval {_percent(low)} to {_percent(high)}" if known["success_low"].notna().any() else ""
     return (
-        f"{within}, {called[first]} reaches {aim} most: in {_spaced(won)} of {counted(total, 'run')} "
+        f"{within}, {called[first]} reaches {aim} most: in {count(won)} of {counted(total, 'run')} "
         f"({_percent(won / total)}{interval}) on "
         f"{counted(problems, 'problem')}{soonest}.{fewer}"
     )
@@ -215,9 +215,9 @@ def _compared(runs: pd.DataFrame) -> str:
     within = (
         "no budget told"
         if not budgets
-        else f"at most {_spaced(budgets[0])} evaluations each"
+        else f"at most {count(budgets[0])} evaluations each"
         if len(budgets) == 1
-        else f"{len(budgets)} budgets from {_spaced(budgets[0])} to {_spaced(budgets[-1])} evaluations (the answer is "
+        else f"{len(budgets)} budgets from {count(budgets[0])} to {count(budgets[-1])} evaluations (the answer is "
         "at the largest)"
     )
     if budgets and untold:
@@ -226,7 +226,7 @@ def _compared(runs: pd.DataFrame) -> str:
     each = f"{seeds.min()}" if seeds.min() == seeds.max() else f"{seeds.min()} to {seeds.max()}"
     lost = lost_of(runs).sentence() or "no run failed"
     return (
-        f"Compared: {counted(methods, 'method')} on {counted(problems, 'problem')}, {_spaced(len(runs))} "
+        f"Compared: {counted(methods, 'method')} on {counted(problems, 'problem')}, {count(len(runs))} "
         f"{'run' if len(runs) == 1 else 'runs'} ({each} a method and problem), {within}; {lost}."
     )
 
@@ -245,7 +245,3 @@ def _percent(share: float) -> str:
     """
     percent = "<1" if 0 < share < 0.01 else ">99" if 0.99 < share < 1 else f"{int(100 * share + 0.5)}"
     return f"{percent}\u00a0%"
-
-
-def _spaced(value: float) -> str:
-    return f"{value:,.0f}".replace(",", "\u202f")

@@ -19,7 +19,6 @@ from typing import Any, final
 import numpy as np
 import pandas as pd
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from calibench.bench.statistics.cells import CELL, PROBLEM, by_number
 from calibench.bench.statistics.fixed_target import Hits, ert, runtimes, success_intervals
@@ -28,9 +27,8 @@ from calibench.bench.statistics.optimum import Optimum
 from calibench.bench.statistics.ranking import methods_in_order
 from calibench.bench.statistics.summary import QUARTILES, method_names, option_text, quantiles
 from calibench.bench.store.arrays import give_back, places
-from calibench.bench.store.columns import parts
+from calibench.bench.store.columns import Array, parts
 
-Array = NDArray[np.float64]
 GOAL = "goal"  # the quantity of the one target that counts as success on a problem
 _CURVES, _SHARES, _TARGETS = 110_000, 160_000, 60_000  # numbers of all cells together; each takes some six letters
 _DIGITS = 4
@@ -85,8 +83,11 @@ def explored(
     groups = groups_of(runs)
     group_names = list(groups.unique())
     count = len(numbers)
-    at = _grid(float(runs["charged"].max()), _CURVES // (3 * count), 90)
-    costs = _grid(float(runs["charged"].max()), _SHARES // (2 * count), 120)
+    most = max(float(runs["charged"].max()), 2.0)
+    at, costs = (  # counts evenly apart on a logarithmic axis, fewer where there is no room
+        np.unique(np.round(np.geomspace(1, most, int(np.clip(room, 8, points))))).astype(np.int64).astype(float)
+        for room, points in ((_CURVES // (3 * count), 90), (_SHARES // (2 * count), 120))
+    )
     curves: list[Any] = [None] * count
     by_panel = by_number(panel_of)
     cells_of: list[list[int]] = []
@@ -151,12 +152,6 @@ def as_json(values: Any) -> Markup:
     """
     text = json.dumps(values, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
-
-
-def _grid(most: float, room: int, points: int) -> Array:
-    """Return counts from 1 to `most`, evenly apart on a logarithmic axis: `points`, or fewer where there is no room."""
-    whole = np.unique(np.round(np.geomspace(1, max(most, 2.0), int(np.clip(room, 8, points)))))
-    return np.asarray(whole, dtype=float).astype(np.int64).astype(float)
 
 
 def _quantity(one: Reached, cells: int) -> dict[str, Any]:

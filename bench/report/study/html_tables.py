@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from calibench.bench.execution.answer import PREFIX, heading
-from calibench.bench.report.shared.page import Head, Macros, Table, macros
+from calibench.bench.report.shared.page import Head, Table, macros
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, PROBLEM, parted
@@ -35,6 +35,7 @@ from calibench.bench.statistics.targets import COLUMN
 from calibench.bench.store.columns import parts
 from calibench.core.words import counted, listed
 
+CELLS = "report/study/templates/cells.html.j2"
 Costs = Sequence[Mapping[str, Any]]  # records of `bench.sweep.costs`
 _SHOWN = 8  # names in a cell, beyond which they are counted
 _TALL = 48  # rows from which on a table scrolls in a box of its own height
@@ -68,10 +69,6 @@ def table(heads: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]]) -> Ta
     return Table([Head(title, kind or "w") for title, kind in heads], rows, tall=len(rows) > _TALL)
 
 
-def cell_macros() -> Macros:
-    return macros("report/study/templates/cells.html.j2")
-
-
 def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.DataFrame | None = None) -> Table:
     """Return the methods on one problem, under each error function the best first; `names` are by index of `runs`."""
     # out of `cells` where those hold it: to make the summary anew costs ten times as much
@@ -99,7 +96,7 @@ def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.D
         for cell in mine_cells.merge(late, on=CELL, how="left").fillna({"late": 0}).to_dict("records"):
             low, middle, high = (known.text(cell[f"best_{key}"]) for key in ("q1", "median", "q3"))
             options = parts(json.loads(cell["optimizer_options"]), classes=False).items()
-            row = [cell_macros().hint(cell["method"], ", ".join(stats.option_text(*option) for option in options))]
+            row = [macros(CELLS).hint(cell["method"], ", ".join(stats.option_text(*option) for option in options))]
             for column in settings:
                 value = cell[column]
                 row.append(count(value) if column == "budget" else str(value) if column == "start" else number(value))
@@ -109,9 +106,9 @@ def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.D
                 if isfinite(cell["goal"]):
                     ends = (cell[name] for name in ("success_low", "success", "success_high"))
                     certain = not isfinite(cell["success_low"])
-                    share = cell_macros().small("no chance in it") if certain else cell_macros().share(*ends)
+                    share = macros(CELLS).small("no chance in it") if certain else macros(CELLS).share(*ends)
                 row += [share, count(cell["charged_to_target"])]
-            row += [cell_macros().strong(middle), f"{low} .. {high}" if cell["runs"] > 1 else ""]
+            row += [macros(CELLS).strong(middle), f"{low} .. {high}" if cell["runs"] > 1 else ""]
             row += [count(cell["charged_median"]), number(cell["wall_s_median"])]
             row += [number(cell["objective_s_median"])] if priced else []
             row += [number(cell["seen_median"], 6)] if noisy else []
@@ -166,12 +163,12 @@ def printed_table(rows: pd.DataFrame, column_title: Callable[[str], str]) -> Tab
         quantity = row["quantity"].removesuffix(f" as {row['unit']}") + unit
         printed = number(row["printed"], 7)
         if isfinite(row["printed"]) and isfinite(row["read"]) and row["read"] != row["printed"]:
-            printed = cell_macros().misprint(printed, number(row["read"], 7))
+            printed = macros(CELLS).misprint(printed, number(row["read"], 7))
         digits = 7 if isfinite(row.get("true", float("nan"))) and row["true"] else 3
         spread = f"{number(row['q1'], 4)} .. {number(row['q3'], 4)}" if row["n"] > 1 else ""
-        ours = cell_macros().over(number(row["median"], digits), spread)
-        why = cell_macros().small(_raised(row["why"])) if isinstance(row["why"], str) else ""
-        return _raised(quantity), printed, ours, why
+        ours = macros(CELLS).over(number(row["median"], digits), spread)
+        quantity, why = (str(text).replace("^2", "²").replace("^4", "⁴") for text in (quantity, row["why"]))
+        return quantity, printed, ours, macros(CELLS).small(why) if isinstance(row["why"], str) else ""
 
     if "true" not in rows:
         heads = [("method", ""), ("quantity", ""), ("printed", "n"), ("ours", "n"), ("n", "n"), ("why", "why")]
@@ -193,10 +190,6 @@ def printed_table(rows: pd.DataFrame, column_title: Callable[[str], str]) -> Tab
     return table(heads, lines)
 
 
-def _raised(text: str) -> str:
-    return text.replace("^2", "²").replace("^4", "⁴")
-
-
 def failures(runs: pd.DataFrame) -> Table:
     """Return what failed, a row for each problem, method and reason; errors alike but for numbers are one reason."""
     failed = runs[runs["status"] != "ok"]
@@ -214,8 +207,8 @@ def failures(runs: pd.DataFrame) -> Table:
         reason = str(same.sort_values("repetition")["reason"].iloc[0])
         under = ", ".join(setting_text(column, value) for column, value in zip(settings, key[5:], strict=True))
         again = ", ".join(str(r) for r in sorted(same["repetition"]))
-        cells = [cell_macros().over(method, under), cell_macros().tag(f"✗ {status}", "no")]
-        rows.append([name, *cells, cell_macros().reason(reason, kind), again, count(same["charged"].max())])
+        cells = [macros(CELLS).over(method, under), macros(CELLS).tag(f"✗ {status}", "no")]
+        rows.append([name, *cells, macros(CELLS).reason(reason, kind), again, count(same["charged"].max())])
     heads = [("problem", ""), ("optimiser", ""), ("status", ""), ("reason", "why"), ("repetitions", ""), ("spent", "n")]
     return table(heads, rows)
 
@@ -242,7 +235,7 @@ def _reached(cell: Mapping[Any, Any]) -> str:
         mark, style = ("✓", "ok") if won == total else ("◐", "misprint") if won else ("○", "open")
         tags = [(f"{mark} {won}/{total}", style), *lost]
     tags += [(f"◇ {outside} outside the box", "misprint")] if outside else []
-    return cell_macros().tags(tags)
+    return macros(CELLS).tags(tags)
 
 
 @final

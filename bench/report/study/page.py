@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from calibench import problems
-from calibench.bench.report.shared.page import Inline, Table, drawing_inside, render
+from calibench.bench.report.shared.page import Inline, Table, drawing_inside, macros, render
 from calibench.bench.report.study import figures, html_tables
 from calibench.bench.report.study.additions import FilledSection
 from calibench.bench.report.study.answer import Answer, answer_of
@@ -69,7 +69,8 @@ class StudyPage:
         costs: Sequence[Mapping[str, Any]] = list(self.manifest.get("costs", []))
         by_problem = {key_of_costs(record): record for record in costs}
         names = stats.method_names(runs)
-        groups = problems_of(runs.drop(columns=figures.UNUSED, errors="ignore"))
+        groups = figures.panels_of(runs.drop(columns=figures.UNUSED, errors="ignore"))  # the smallest first
+        groups = dict(sorted(groups.items(), key=lambda one: (int(one[1]["dimension"].iloc[0]), in_order(one[0]))))
         cells = stats.summary(runs, costs) if self.summary.empty else self.summary
         panels: list[Panel] = []
         sections = []
@@ -79,7 +80,9 @@ class StudyPage:
         }
         for title, group in groups.items():
             by_error = html_tables.by_error(group)
-            mine = [Panel(title, error, anchor(title), some, optimum_of(some)) for error, some in by_error]
+            label = figures.file_name(title)  # what the names of its figures end in
+            anchor = f"problem-{label}"
+            mine = [Panel(title, error, anchor, some, optimum_of(some)) for error, some in by_error]
             remarks = [
                 described.get(str(group["problem"].iloc[0]), ""), *self._visible(group),
                 *(panel.optimum.remark() for panel in mine),
@@ -87,8 +90,7 @@ class StudyPage:
             ]  # fmt: skip
             sections.append(
                 {
-                    "title": title, "anchor": anchor(title),
-                    "label": figures.file_name(title),  # what the names of its figures end in
+                    "title": title, "anchor": anchor, "label": label,
                     "size": f"{things(len(group), 'run')}, {things(int(group['dimension'].iloc[0]), 'parameter')}",
                     "remarks": [remark for remark in remarks if remark],
                     # of its panels among what the script draws, which also makes the table where there is none
@@ -164,12 +166,6 @@ class StudyPage:
         ]
 
 
-def problems_of(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """Return the runs by what shares a figure: a problem and its options but the error function, smallest first."""
-    groups = figures.panels_of(runs)
-    return dict(sorted(groups.items(), key=lambda item: (int(item[1]["dimension"].iloc[0]), in_order(item[0]))))
-
-
 def headline(
     runs: pd.DataFrame, planned: Collection[str], in_other_shards: Collection[str], about: str, answer: Answer,
     condition: bool = False, money: bool = False,
@@ -216,7 +212,7 @@ def headline(
 
 def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -> Table:
     """Return a row a problem and error, linked to its section; `names` of the methods are by index of the runs."""
-    rows, macros = [], html_tables.cell_macros()
+    rows, cell_macros = [], macros(html_tables.CELLS)
     goals = bool(summary["goal"].notna().any())
     errors = any(panel.error for panel in panels)  # functions of the error, of which a problem may have several
     late = any(lost_of(panel.runs).late for panel in panels)
@@ -248,11 +244,11 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
         )
         rows.append(
             [
-                "" if title == above else macros.link(title, f"#{panel.anchor}"),
+                "" if title == above else cell_macros.link(title, f"#{panel.anchor}"),
                 *([panel.error or "f"] if errors else []), str(int(mine["dimension"].iloc[0])),
                 str(len({tuple(cell[column] for column in METHOD) for cell in cells})), str(len(cells)),
                 *([str(len(won)) if known else "–"] if goals else []), first,
-                *(macros.tag(f"✗ {n}", "no") if n else "0" for n in (lost.failed, lost.late)[: 1 + late]),
+                *(cell_macros.tag(f"✗ {n}", "no") if n else "0" for n in (lost.failed, lost.late)[: 1 + late]),
             ]
         )  # fmt: skip
         above = title
@@ -263,10 +259,6 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
         *([("ended by the time limit", "n")] if late else []),
     ]  # fmt: skip
     return html_tables.table(heads, rows)
-
-
-def anchor(title: str) -> str:
-    return f"problem-{figures.file_name(title)}"
 
 
 def things(n: int, what: str) -> str:

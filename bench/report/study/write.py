@@ -70,9 +70,17 @@ class FinishedRuns:
 def finished_runs(store: ResultStore) -> FinishedRuns:
     """Return what a report is made of. Raises `StoreError` without runs."""
     columns = [name for name in RUNS_SCHEMA.names if name not in _UNREAD]
-    files, runs = state_of(store.folder), _with_parameters_once(offered(store.runs(columns)))
+    files, runs = state_of(store.folder), offered(store.runs(columns))
     if runs.empty:
         raise StoreError(f"{store.folder}: holds no finished run yet")
+    # those of a problem have one list of its parameters' names: of 1e5 runs they would be 50 MB
+    number, there = numbered(runs[name] for name in PROBLEM), np.flatnonzero(runs["parameter_names"].notna())
+    known, first = np.unique(number[there], return_index=True)
+    for name in tables.OF_PARAMETERS:
+        lists = np.full(len(runs), None, dtype=object)  # by the number of the problem
+        for problem, one in zip(known, runs[name].iloc[there[first]], strict=True):
+            lists[problem] = one if isinstance(one, list) else None
+        runs[name] = lists[number]
     traces, manifest, done = store.courses(), store.manifest(), {*runs["run_id"]}
     manifest["planned"] = {run_id: label for run_id, label in manifest["planned"].items() if run_id not in done}
     named = files_named([*runs["problem_options"].unique(), *runs["optimizer_options"].unique()])
@@ -81,18 +89,6 @@ def finished_runs(store: ResultStore) -> FinishedRuns:
     summary = stats.summary(runs, manifest.get("costs", []))
     give_back()
     return FinishedRuns(manifest=manifest, files=files, runs=runs, traces=traces, summary=summary)
-
-
-def _with_parameters_once(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs, those of a problem with one list of its parameters' names: of 1e5 runs they would be 50 MB."""
-    number, there = numbered(runs[name] for name in PROBLEM), np.flatnonzero(runs["parameter_names"].notna())
-    known, first = np.unique(number[there], return_index=True)
-    for name in tables.OF_PARAMETERS:
-        lists = np.full(len(runs), None, dtype=object)  # by the number of the problem
-        for problem, one in zip(known, runs[name].iloc[there[first]], strict=True):
-            lists[problem] = one if isinstance(one, list) else None
-        runs[name] = lists[number]
-    return runs
 
 
 def write_report(
@@ -153,7 +149,7 @@ def write_report(
             ).html()  # fmt: skip
             written += drawings.files()
     tell(steps - 1, steps, "the page")
-    written.append(write_whole(store.folder / "report.html", lambda file: file.write(page.encode())))
+    written.append(write_whole(store.folder / "report.html", page.encode()))
     ours = [path.relative_to(store.folder).as_posix() for path in written]
     for name in finished.files:  # of the last report, which this one has no more
         if name.startswith(("figures/", "tables/")) and name in kept.written and name not in ours:
