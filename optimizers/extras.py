@@ -8,6 +8,8 @@ import logging
 import warnings
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
 from importlib.util import find_spec
 from typing import Annotated, Any, ClassVar, final
 
@@ -44,8 +46,7 @@ class DFOLS:
             minimum_budget_per_dimension=1, needs_finite_bounds=True, package="dfols",
         )  # fmt: skip
 
-    def compile(self) -> None:
-        import dfols  # noqa: F401
+    compile = staticmethod(partial(import_module, "dfols"))
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
@@ -102,8 +103,7 @@ class CMAES:
             batches=True, package="cma",
         )  # fmt: skip
 
-    def compile(self) -> None:
-        import cma  # noqa: F401
+    compile = staticmethod(partial(import_module, "cma"))
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Evolve from the start, and from random points of the box, until the objective stops it."""

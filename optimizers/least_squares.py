@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from typing import Annotated, Any, ClassVar, Literal, final
 
 import numpy as np
@@ -38,8 +39,7 @@ class LeastSquares:
             self_terminating=not restarts, needs_finite_bounds=restarts,
         )  # fmt: skip
 
-    def compile(self) -> None:
-        import scipy.optimize  # noqa: F401
+    compile = staticmethod(partial(import_module, "scipy.optimize"))
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, make_dataclass
 from functools import partial
+from importlib import import_module
 from itertools import count
 from typing import Annotated, Any, ClassVar, Literal, final
 
@@ -70,8 +71,7 @@ class SciPy:
             needs_finite_bounds=known.needs_finite_bounds or restarts, batches=known.batches,
         )  # fmt: skip
 
-    def compile(self) -> None:
-        import scipy.optimize  # noqa: F401
+    compile = staticmethod(partial(import_module, "scipy.optimize"))
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Run from the start; with `restarts`, or where it ends against its habit, again from random points."""

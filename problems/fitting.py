@@ -6,11 +6,12 @@ box lies below it by chance, and no method is ranked by what lies between.
 """
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from calibench.problems.base import Array, frozen
+from calibench.problems.base import Array, extra_of, frozen
 
 _ROUNDING = 1e-14
 _HIGH = 1e100  # instead of a residual without a value
@@ -107,33 +108,40 @@ def checked_covariance(covariance: Array | None, m: int) -> Array:
     return matrix
 
 
-def value_of_noise(problem: Any, expected: Callable[[], float]) -> float | None:
-    """Return the value that the noise of an instance leaves at its truth, or what is `expected`; None of no instance.
+def value_of_noise(expected: Callable[[Any], float]) -> cached_property[float | None]:
+    """Return a property of problems: the value that the noise of an instance leaves at its truth; None of no instance.
 
-    An answer of that value explains the readings as well as the truth does.
+    Without noise it is what is `expected`. An answer of that value explains the readings as well as the truth does.
     """
-    if problem.drawn is None:
-        return None
-    return float(problem(problem.truth)) if problem.drawn.noise.level > 0 else float(expected())
+
+    def value(problem: Any) -> float | None:
+        if problem.drawn is None:
+            return None
+        return float(problem(problem.truth) if problem.drawn.noise.level > 0 else expected(problem))
+
+    return cached_property(value)
 
 
-def levels(problem: Any, exact: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the targets of a problem, largest first: its `exact` ones, which end at rounding.
+def levels(exact: Callable[[Any], tuple[float, ...]]) -> property:
+    """Return a property of problems: the targets, largest first, whose first crossing is recorded.
 
-    Those of an instance with noise end where an answer is as good as the noise, as nothing below that is ranked;
-    without noise that is one of them.
+    They are the `exact` ones, which end at rounding. Those of an instance with noise end where an answer is as good as
+    the noise, as nothing below that is ranked; without noise that is one of them.
     """
-    if problem.drawn is None:
-        return exact
-    level = problem.as_good_as_noise
-    if problem.drawn.noise.level > 0:
-        return tuple(level * factor for factor in _ABOVE)
-    return tuple(sorted({*exact, level}, reverse=True))
+
+    def targets(problem: Any) -> tuple[float, ...]:
+        if problem.drawn is None:
+            return exact(problem)
+        level = problem.as_good_as_noise
+        if problem.drawn.noise.level > 0:
+            return tuple(level * factor for factor in _ABOVE)
+        return tuple(sorted({*exact(problem), level}, reverse=True))
+
+    return property(targets)
 
 
-def levels_above_minimum(problem: Any) -> tuple[float, ...]:
-    """Return the targets of a problem of measured lengths: f* + 1e-1 .. 1e-12 mm^2, as rounding leaves 1e-13."""
-    return levels(problem, tuple(problem.minimum + 10.0**k for k in (-1, -2, -3, -4, -5, -6, -8, -10, -12)))
+# of a problem of measured lengths: f* + 1e-1 .. 1e-12 mm^2, as rounding leaves 1e-13
+levels_above_minimum = levels(lambda problem: tuple(problem.minimum + 10.0**-k for k in (1, 2, 3, 4, 5, 6, 8, 10, 12)))
 
 
 def worst_errors(problem: Any, x: Array) -> dict[str, float]:
@@ -147,9 +155,13 @@ def worst_errors(problem: Any, x: Array) -> dict[str, float]:
 
 
 def least_of_instance(problem: Any) -> float | None:
-    """Return the least value in the box of an instance, found downhill from the truth; None of no instance."""
+    """Return the least value in the box of an instance, found downhill from the truth, zero without noise.
+
+    Of no instance it is that at the problem's `best`, as measured data never reach zero; None where it has none.
+    """
     if problem.drawn is None:
-        return None
+        best = extra_of(problem, "best")
+        return None if best is None else float(problem(best))
     return least_in_box(problem) if problem.drawn.noise.level > 0 else 0.0
 
 

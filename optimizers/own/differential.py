@@ -1,13 +1,13 @@
 """`de`: differential evolution exactly as Cong et al. 2008 state it (section 4.3, settings of 4.4)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, ClassVar, final
 
 import numpy as np
 
 from calibench.core.options import Range
 from calibench.optimizers.base import Objective, Reason, Share, registry
-from calibench.optimizers.own.population import population_traits, rehearse
+from calibench.optimizers.own.population import compile_steps, population_traits
 
 
 @registry.register("de")
@@ -32,6 +32,7 @@ class DifferentialEvolution:
         registry.check("de", vars(self))
 
     traits = property(population_traits)
+    compile = compile_steps
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Breed generations until the objective stops it."""
@@ -46,6 +47,3 @@ class DifferentialEvolution:
             step.propose(population, self.F, self.CR, lower, upper, state, trial)
             trial_values = objective.batch_below(trial, values) if self.early_abandon else objective.batch(trial)
             step.select(population, values, trial, trial_values)
-
-    def compile(self) -> None:
-        rehearse(replace(self, population=4))

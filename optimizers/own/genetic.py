@@ -1,6 +1,6 @@
 """`ga`: the genetic algorithm of Cong et al. 2008 (section 4.1, settings of 4.4); an option for each word left open."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import ceil, inf, log2
 from typing import Annotated, ClassVar, Literal, final
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calibench.core.options import Range
 from calibench.optimizers.base import Array, Count, Objective, Positive, Reason, Share, registry
-from calibench.optimizers.own.population import population_traits, rehearse
+from calibench.optimizers.own.population import compile_steps, population_traits
 
 _LONGEST = 53  # bits of a parameter that a double holds exactly
 _ROWS = 16  # in which the box is written down: a multiple of any vector's width
@@ -56,6 +56,7 @@ class GeneticAlgorithm:
             raise ValueError(f"ga.tournament={self.tournament}: {rule}")
 
     traits = property(population_traits)
+    compile = compile_steps
 
     def lengths(self, width: Array) -> NDArray[np.int64]:
         """Return the bits of each parameter, shape (dim,), at least one: L = ceil(log2(width / precision))."""
@@ -101,6 +102,3 @@ class GeneticAlgorithm:
                 count = step.advance(words, room, values, found, memory, rules, state)
             if count != len(points):
                 points = asked[:count]
-
-    def compile(self) -> None:
-        rehearse(replace(self, population=4, NR=1))

@@ -4,6 +4,7 @@ Each stands in a file of its own, so that a change of one changes the digest of 
 """
 
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -21,8 +22,14 @@ def population_traits(method: Any) -> Traits:
     return Traits(stochastic=True, uses_start=False, minimum_budget=first, needs_finite_bounds=True, batches=True)
 
 
+def compile_steps(method: Any) -> None:
+    """Compile the steps of a method by a run of few members that begin again at once."""
+    few = {"population": 4, "NR": 1}
+    _rehearse(replace(method, **{name: number for name, number in few.items() if name in vars(method)}))
+
+
 @cache
-def rehearse(optimizer: Optimizer) -> None:
+def _rehearse(optimizer: Optimizer) -> None:
     """Run some batches of zeros on the unit square, once in a process: a user's class is built anew for every run."""
     # with the types of a run, as numba compiles anew for as little as a read-only array
     lower, upper = np.zeros(2), np.ones(2)

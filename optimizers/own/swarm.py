@@ -1,6 +1,6 @@
 """`pso`: the particle swarm of Cong et al. 2008 (section 4.2, settings of 4.4); an option for each word left open."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
 from typing import Annotated, ClassVar, Literal, final
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from calibench.core.options import Range
 from calibench.optimizers.base import Count, CountOrNull, Objective, Reason, Share, registry
-from calibench.optimizers.own.population import population_traits, rehearse
+from calibench.optimizers.own.population import compile_steps, population_traits
 
 
 @registry.register("pso")
@@ -57,6 +57,7 @@ class ParticleSwarm:
         registry.check("pso", vars(self))
 
     traits = property(population_traits)
+    compile = compile_steps
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Fly until the objective stops it."""
@@ -82,6 +83,3 @@ class ParticleSwarm:
         while True:
             values = objective.batch_below(position, own_values) if self.early_abandon else objective.batch(position)
             step.advance(room, values, own_values, memory, rules, state)
-
-    def compile(self) -> None:
-        rehearse(replace(self, population=4, NR=1))

@@ -15,7 +15,7 @@ from calibench.calibration.determined import observability, reach
 from calibench.calibration.kinematics import GAP, Chain, Compared, constants, forward, nominal, parameter_names
 from calibench.problems.base import Array, Parameter, line_of, table_of
 from calibench.problems.compiled_problem import CompiledProblem, hold, itself, passed
-from calibench.problems.fitting import best_of, least_in_box, levels, value_of_noise, worst_errors
+from calibench.problems.fitting import best_of, least_of_instance, levels, value_of_noise, worst_errors
 
 FINEST = 1e-4  # mm: noise that is assumed for an instance without noise
 
@@ -103,23 +103,9 @@ class ArmCalibration:
         return errors
 
     best = cached_property(best_of)
-
-    @cached_property
-    def minimum(self) -> float:
-        """Return f* [mm^2]: at `best`, because measured data never reach zero; of an instance the least in its box."""
-        if self.truth is None:
-            return self(self.best)
-        return least_in_box(self) if self.noise > 0 else 0.0
-
-    @property
-    def targets(self) -> tuple[float, ...]:
-        """Return levels of f whose first crossing is recorded: f* + 1e2 .. 1e-7 mm^2, as rounding leaves 1e-9."""
-        return levels(self, tuple(self.minimum + 10.0**k for k in (2, 1, 0, -1, -2, -3, -4, -5, -6, -7)))
-
-    @cached_property
-    def as_good_as_noise(self) -> float | None:
-        """Return the f at which an answer explains the readings as well as the truth does; None of no instance."""
-        return value_of_noise(self, lambda: FINEST**2 * self.seen.size)
+    minimum = cached_property(least_of_instance)  # f* [mm^2]
+    targets = levels(lambda self: tuple(self.minimum + 10.0**k for k in range(2, -8, -1)))  # as rounding leaves 1e-9
+    as_good_as_noise = value_of_noise(lambda self: FINEST**2 * self.seen.size)
 
     @property
     def observability(self) -> dict[str, float]:

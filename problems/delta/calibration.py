@@ -208,12 +208,8 @@ class DeltaProbing:
         noise = float(self.options.get("sigma") or 0.0) if self.drawn is None else self.drawn.noise.level
         return least_in_box(self) if noise > 0 else 0.0
 
-    targets = property(levels_above_minimum)
-
-    @cached_property
-    def as_good_as_noise(self) -> float | None:
-        """Return the f at which an answer explains the readings as well as the truth does; None of no instance."""
-        return value_of_noise(self, lambda: _FINEST**2 * len(self.places.between))
+    targets = levels_above_minimum
+    as_good_as_noise = value_of_noise(lambda self: _FINEST**2 * len(self.places.between))
 
 
 def _declared(

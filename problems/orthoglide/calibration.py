@@ -18,7 +18,7 @@ from calibench.core.options import FilePath
 from calibench.problems import constants, instances
 from calibench.problems.base import Array, Number, Parameter, frozen, line_of, numbers_of, registry, table_of
 from calibench.problems.compiled_problem import CompiledProblem, hold, itself, passed
-from calibench.problems.fitting import best_of, least_in_box, levels_above_minimum, value_of_noise, worst_errors
+from calibench.problems.fitting import best_of, least_of_instance, levels_above_minimum, value_of_noise, worst_errors
 from calibench.problems.orthoglide import plans
 from calibench.problems.orthoglide.kinematics import AXES, NAMES, PAPER, direct_kinematics, geometry, inverse_kinematics
 from calibench.problems.orthoglide.plans import Plan, PlanName
@@ -141,20 +141,9 @@ class Orthoglide:
         return {"kmrmse": float(np.sqrt((gap**2).sum(axis=1).mean())), **worst_errors(self, x)}
 
     best = cached_property(best_of)
-
-    @cached_property
-    def minimum(self) -> float:
-        """Return f*, the sum of squares [mm^2] at `best`: measured data never reach zero."""
-        if self.drawn is None:
-            return self(self.best)
-        return least_in_box(self) if self.drawn.noise.level > 0 else 0.0
-
-    targets = property(levels_above_minimum)
-
-    @cached_property
-    def as_good_as_noise(self) -> float | None:
-        """Return the f at which an answer explains the readings as well as the truth does; None of no instance."""
-        return value_of_noise(self, lambda: _FINEST**2 * float(np.trace(self.residual_covariance(self.start))))
+    minimum = cached_property(least_of_instance)  # f* [mm^2]
+    targets = levels_above_minimum
+    as_good_as_noise = value_of_noise(lambda self: _FINEST**2 * np.trace(self.residual_covariance(self.start)))
 
 
 def _declared(

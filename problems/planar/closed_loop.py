@@ -199,20 +199,11 @@ class Planar:
             merit |= {f"{name}_aligned": value for name, value in merit.items()} | {"gauge_phi": 0.0}
         return merit
 
-    @property
-    def targets(self) -> tuple[float, ...]:
-        """Error levels whose first crossing is recorded; the last is the level of success without noise.
-
-        J2 and J3 round to about 1e-19 at the truth, J1 to 5e-25; nothing below the last target is ever ranked.
-        """
-        exact = tuple(10.0**k for k in (range(-1, -24, -2) if self.error == "J1" else range(4, -19, -2)))
-        return levels(self, exact)
-
-    @cached_property
-    def as_good_as_noise(self) -> float | None:
-        """Return the error at which an answer explains the readings as well as the truth does; None of no instance."""
-        return value_of_noise(self, lambda: ((gpm2002.FINEST * self.residual_noise(np.asarray(self.truth))) ** 2).sum())
-
+    # J2 and J3 round to about 1e-19 at the truth, J1 to 5e-25; the last target is the level of success without noise
+    targets = levels(
+        lambda self: tuple(10.0**k for k in (range(-1, -24, -2) if self.error == "J1" else range(4, -19, -2)))
+    )
+    as_good_as_noise = value_of_noise(lambda self: ((gpm2002.FINEST * self.residual_noise(self.truth)) ** 2).sum())
     minimum = cached_property(least_of_instance)
 
     @property

@@ -139,18 +139,11 @@ class Tracking:
             return {}
         return {"parameter_error_mm": float(np.abs(x - self.truth).max()), "parameter_error_rad": float(worst)}
 
-    @property
-    def targets(self) -> tuple[float, ...]:
-        """Levels of E whose first crossing is recorded: 1e-9 is an error of 1e-4 rad, 1e-26 success without noise."""
-        exact = tuple(10.0**k for k in (-4, -5, -6, -7, -8, -9, -10, *range(-12, -27, -2)))
-        return levels(self, exact)
-
-    @cached_property
-    def as_good_as_noise(self) -> float | None:
-        """Return the E at which an answer explains the readings as well as the truth does; None of no instance."""
-        kept = float(np.trace(self.projectors, axis1=1, axis2=2).mean())  # of three errors a pose, what P_j leaves
-        return value_of_noise(self, lambda: gpm2002.FINEST**2 * kept)
-
+    # 1e-9 is an error of 1e-4 rad, 1e-26 success without noise
+    targets = levels(lambda _: tuple(10.0**k for k in (*range(-4, -11, -1), *range(-12, -27, -2))))
+    as_good_as_noise = value_of_noise(  # of three errors a pose, what P_j leaves
+        lambda self: gpm2002.FINEST**2 * float(np.trace(self.projectors, axis1=1, axis2=2).mean())
+    )
     minimum = cached_property(least_of_instance)
 
 
