@@ -19,7 +19,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from threadpoolctl import LibController, ThreadpoolController
+    from threadpoolctl import ThreadpoolController
 
 _code: list[int] = []
 
@@ -99,16 +99,12 @@ def one_thread() -> Iterator[None]:
         return
     import scipy.linalg  # noqa: F401  its BLAS is another one than NumPy's, and must not come later with all threads
 
-    if all(library.get_num_threads() == 1 for library in blas()):  # as within a block around many runs
+    loaded = (library for library in libraries().lib_controllers if library.user_api == "blas")
+    if all(library.get_num_threads() == 1 for library in loaded):  # as within a block around many runs
         yield
         return
     with libraries().limit(limits=1, user_api="blas"):
         yield
-
-
-def blas() -> list[LibController]:
-    """Return the libraries of BLAS that are loaded."""
-    return [library for library in libraries().lib_controllers if library.user_api == "blas"]
 
 
 def libraries() -> ThreadpoolController:

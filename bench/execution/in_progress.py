@@ -124,7 +124,7 @@ def followed(name: Name, counts: Counts, pid: int | None = None) -> Iterator[Non
     if not _PUBLISHERS or _PUBLISHERS[-1].pid != os.getpid():  # a forked child has no thread that looks
         yield
         return
-    publisher, run = _PUBLISHERS[-1], _Followed(name, counts, pid)
+    publisher, run = _PUBLISHERS[-1], _Followed(name, counts, pid or os.getpid())
     publisher.runs.add(run)
     try:
         yield
@@ -154,41 +154,45 @@ class _Publisher:
 
 
 @final
+@dataclass(eq=False)
 class _Followed:
-    """One run: what was read when, and what follows for its rate."""
+    """One run: what was read when, and what follows for its rate, which is taken from `before`."""
 
-    def __init__(self, name: Name, counts: Counts, pid: int | None) -> None:
-        self._name, self._counts, self._pid = name, counts, pid or os.getpid()
-        self.began, self._began_at = time.monotonic(), time.time()
-        self._heard, self._evaluations = self.began, 0
-        self._before: tuple[float, int, int] | None = None  # time, evaluations, charged: where the rate is taken from
-        self._mark = self.began, 0, 0
-        self.was_told = False
+    name: Name
+    counts: Counts
+    pid: int
+    began: float = field(default_factory=time.monotonic)
+    began_at: float = field(default_factory=time.time)
+    heard: float = field(default_factory=time.monotonic)
+    evaluations: int = 0
+    before: tuple[float, int, int] | None = None  # time, evaluations, charged
+    mark: tuple[float, int, int] = (0.0, 0, 0)
+    was_told: bool = False
 
     def progress(self, ended: bool = False) -> Progress:
         self.was_told = True
-        now, counts, name = time.monotonic(), self._counts, self._name
+        now, counts, name = time.monotonic(), self.counts, self.name
         evaluations, spent, best = counts.evaluations, counts.charged, counts.best_value
-        if evaluations != self._evaluations:
-            self._evaluations, self._heard = evaluations, now
+        if evaluations != self.evaluations:
+            self.evaluations, self.heard = evaluations, now
 
         # evaluations and charged evaluations a second, of late; of the whole run where there are none of late. The
         # first look is where they are first taken from, so that values replayed after a kill do not count
         here = now, evaluations, spent
-        if self._before is None:
-            self._before = self._mark = here
-        elif now - self._mark[0] >= _RECENT:
-            self._before, self._mark = self._mark, here
-        then, made, paid = self._before
+        if self.before is None:
+            self.before = self.mark = here
+        elif now - self.mark[0] >= _RECENT:
+            self.before, self.mark = self.mark, here
+        then, made, paid = self.before
         if evaluations == made:
             then, made, paid = self.began, 0, 0
         took = max(now - then, 1e-9)
         pace = (spent - paid) / took
         run = Running(
-            **vars(name), pid=self._pid, host=platform.node(), born=born(self._pid), began_at=self._began_at,
+            **vars(name), pid=self.pid, host=platform.node(), born=born(self.pid), began_at=self.began_at,
             updated_at=time.time(), evaluations=evaluations, spent=spent, best_value=best if isfinite(best) else None,
             rate=(evaluations - made) / took, eta_s=(name.budget - spent) / pace if pace > 0 else None,
-            silent_s=now - self._heard, ended=ended,
+            silent_s=now - self.heard, ended=ended,
         )  # fmt: skip
         return dict(vars(run))
 

@@ -101,6 +101,8 @@ class Pair:
     optimizer_options: str
     optimizer_key: list[Any]
     optimizer_word: int
+    parameters: tuple[Parameter, ...]
+    coordinate_names: tuple[str, ...]
     targets: tuple[float, ...]
     data_id: str
     unit: str
@@ -114,19 +116,11 @@ class Pair:
     compiled: bool = False
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return parameters_of(self.problem)
-
-    @cached_property
     def box(self) -> tuple[Array, Array, Array, Array]:
         """Return the lower and upper bounds of x, and from where on it is at them: four arrays of shape (dim,)."""
         lower, upper = np.array(self.problem.lower, float), np.array(self.problem.upper, float)
         near = 1e-9 * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
         return lower, upper, lower + near, upper - near
-
-    @cached_property
-    def coordinate_names(self) -> tuple[str, ...]:
-        return tuple(coordinate.name for coordinate in coordinates_of(self.problem))
 
 
 def pair_of(problem: Any, optimizer: Any, problem_name: str | None = None, optimizer_name: str | None = None) -> Pair:
@@ -139,11 +133,12 @@ def pair_of(problem: Any, optimizer: Any, problem_name: str | None = None, optim
         problem=problem, problem_name=who, problem_options=canonical(options_of(problem)), problem_key=problem_key,
         problem_word=int(digest(problem_key), 16), optimizer=optimizer, optimizer_name=method,
         optimizer_options=canonical(options_of(optimizer)), optimizer_key=optimizer_key,
-        optimizer_word=int(digest(optimizer_key), 16), targets=tuple(extra_of(problem, "targets", ())),
-        data_id=extra_of(problem, "data_id", ""), unit=unit_of(problem),
-        problem_group=str(extra_of(problem, "group", "")), minimum=minimum_of(problem), library=library_of(optimizer),
-        code=code_digest(problem, optimizer), foreign_problem=is_foreign(problem),
-        foreign_optimizer=is_foreign(optimizer),
+        optimizer_word=int(digest(optimizer_key), 16), parameters=parameters_of(problem),
+        coordinate_names=tuple(one.name for one in coordinates_of(problem)),
+        targets=tuple(extra_of(problem, "targets", ())), data_id=extra_of(problem, "data_id", ""),
+        unit=str(extra_of(problem, "unit", "")), problem_group=str(extra_of(problem, "group", "")),
+        minimum=minimum_of(problem), library=library_of(optimizer), code=code_digest(problem, optimizer),
+        foreign_problem=is_foreign(problem), foreign_optimizer=is_foreign(optimizer),
         may_hang=bool(getattr(getattr(optimizer, "traits", None), "may_hang", False)),
     )  # fmt: skip
 
@@ -419,11 +414,6 @@ def minimum_of(problem: Any) -> float | None:
     """Return the least value of the problem where it knows it (of a noisy one, without its noise), else None."""
     minimum = getattr(problem, "minimum", None)
     return None if minimum is None else float(minimum)
-
-
-def unit_of(problem: Any) -> str:
-    """Return the unit of the value; '' where the problem does not say."""
-    return str(extra_of(problem, "unit", ""))
 
 
 _METHODS = (

@@ -31,7 +31,7 @@ from calibench.bench.gate.processes import CAN_FORK
 from calibench.bench.gate.time_limit import Cut, Ending, Mirror, Phase, Runner, Watch, run_here
 from calibench.bench.provenance.environment import provenance
 from calibench.core.own_state import Kept, kept
-from calibench.core.process import STATED, blas, one_thread
+from calibench.core.process import STATED, libraries, one_thread
 from calibench.core.seeds import begin_generators, digest, global_generators, seed_sequence
 from calibench.core.sources import is_foreign
 from calibench.core.words import counted, html_table
@@ -284,8 +284,8 @@ def make_run(asked: Asked, state: Kept | None, watch: Watch | None = None, found
     begin: Callable[[], object] = float  # nothing, as our code draws from rng alone
     if state is not None:
         if not any(name in os.environ for name in STATED):  # a BLAS that was loaded since is held at one thread too
-            for library in blas():
-                if library.get_num_threads() != 1:
+            for library in libraries().lib_controllers:
+                if library.user_api == "blas" and library.get_num_threads() != 1:
                     library.set_num_threads(1)
         begin = partial(begin_generators, seed_sequence(*words, "shared", repetition=repetition))
     problem, optimizer = pair.problem, pair.optimizer

@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from calibench.bench.execution.request import is_stochastic, minimum_of, unit_of
+from calibench.bench.execution.request import is_stochastic, minimum_of
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.summary import SAME, lowest_below
 from calibench.bench.statistics.tables import once, problem_of
 from calibench.bench.store.columns import Array
+from calibench.problems.base import extra_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -142,7 +143,7 @@ def stated_of(name: str, options: str) -> Stated | None:
             problem = problem_of(row, "the rounding floor in its figure, where it has a truth")
         except ValueError:
             return None
-        stated = Stated(unit_of(problem), minimum_of(problem), is_stochastic(problem))
+        stated = Stated(str(extra_of(problem, "unit", "")), minimum_of(problem), is_stochastic(problem))
         truth = None if stated.minimum or stated.noisy else getattr(problem, "truth", None)
         if truth is not None:
             with suppress(Exception):  # a user's code has failed: the figure has no such line

@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 import time
 import warnings
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
@@ -176,7 +176,7 @@ def _do(
     measured = list(costs.measured(unbegun.values(), store.manifest().get("costs", [])))
     store.note_costs(measured)
     tell_of_costs(measured, tell)
-    jobs = [Job(run_id, spec, request.labels[run_id]) for run_id, spec in unbegun.items()]
+    jobs = deque(Job(run_id, spec, request.labels[run_id]) for run_id, spec in unbegun.items())
     replay = None if request.replay is False else ReplayFolder(request.folder.resolve(), request.replay is True)
     packs = Packs(jobs, execution.workers, execution.inner, replay)
 

@@ -9,8 +9,8 @@ at fault and its row says so.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic, perf_counter
 from typing import Protocol, final
@@ -98,36 +98,35 @@ class Pack:
 
 
 @final
+@dataclass(eq=False)
 class Packs:
     """What remains to be done, handed out in packs, sized for so many `workers`: those of a cluster come and go."""
 
-    def __init__(
-        self, jobs: Iterable[Job], workers: int = 1, inner: int = 1, replay: ReplayFolder | None = None
-    ) -> None:
-        self._inner, self._replay = inner, replay
-        self.waiting = deque(jobs)
-        self.alone: deque[Job] = deque()
-        self.workers = workers
-        self._times: dict[str, tuple[int, float]] = {}  # cell -> runs, seconds
+    waiting: deque[Job]
+    workers: int = 1
+    inner: int = 1
+    replay: ReplayFolder | None = None
+    alone: deque[Job] = field(default_factory=deque)
+    times: dict[str, tuple[int, float]] = field(default_factory=dict)  # cell -> runs, seconds
 
     def __len__(self) -> int:
         return len(self.waiting) + len(self.alone)
 
     def take(self) -> Pack | None:
         if self.alone:
-            return Pack((self.alone.popleft(),), True, self._inner, self._replay)
+            return Pack((self.alone.popleft(),), True, self.inner, self.replay)
         most = min(_MOST, max(1, len(self.waiting) // (_SHARE * max(1, self.workers))))
         jobs: list[Job] = []
         seconds = 0.0
         while self.waiting and len(jobs) < most and seconds < _PACK_S:
             jobs.append(self.waiting.popleft())
-            runs, total = self._times.get(jobs[-1].cell, (1, _PACK_S))  # of an unknown cell one run shows it
+            runs, total = self.times.get(jobs[-1].cell, (1, _PACK_S))  # of an unknown cell one run shows it
             seconds += total / runs
-        return Pack(tuple(jobs), False, self._inner, self._replay) if jobs else None
+        return Pack(tuple(jobs), False, self.inner, self.replay) if jobs else None
 
     def note_time(self, job: Job, seconds: float) -> None:
-        runs, total = self._times.get(job.cell, (0, 0.0))
-        self._times[job.cell] = runs + 1, total + seconds
+        runs, total = self.times.get(job.cell, (0, 0.0))
+        self.times[job.cell] = runs + 1, total + seconds
 
     def return_lost(self, jobs: Sequence[Job], at_fault: bool) -> Job | None:
         """Take back the jobs that a lost worker had still to do, of which it was at the first.

@@ -7,6 +7,7 @@ import random
 import re
 import subprocess
 import sys
+from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -226,7 +227,7 @@ def test_rows_are_the_same_in_any_order_and_with_any_number_of_workers(
     store.open()
     jobs = [Job(run.run_id, spec, spec.problem) for spec, run, _ in made]
     random.Random(workers).shuffle(jobs)
-    list(Processes(store.folder, "pool", workers).carry(Packs(jobs, workers)))
+    list(Processes(store.folder, "pool", workers).carry(Packs(deque(jobs), workers)))
     here = ResultStore(tmp_path / "here")
     here.open()
     for _, run, _ in made:
@@ -239,7 +240,8 @@ def test_a_worker_with_a_thread_that_goes_on_makes_no_further_run(home: Path, tm
     store = ResultStore(tmp_path / "threads")
     store.open()
     left = spec(home, "sets_own_state.py:Sets", what="threads", where="call")
-    jobs = [Job(f"{k}", one, "a") for k, one in enumerate([left, spec(home, "sets_own_state.py:Witness"), left])]
+    three = [left, spec(home, "sets_own_state.py:Witness"), left]
+    jobs = deque(Job(f"{k}", one, "a") for k, one in enumerate(three))
     assert [notice.status for notice in Processes(store.folder, "threads", 1).carry(Packs(jobs, 1))] == ["ok"] * 3
     changes = dict(zip(store.runs()["best_value"] < 1, store.runs()["process_changes"].map(list), strict=True))
     assert len(store.runs()) == 2

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from pathlib import Path
 
 import numpy as np
@@ -153,7 +153,7 @@ def jobs(count, cell="a"):
 
 
 def test_packs_are_of_about_a_second_once_a_cell_is_known():
-    packs = Packs(jobs(1000), workers=2)
+    packs = Packs(deque(jobs(1000)), workers=2)
     first = packs.take()
     assert len(first.jobs) == 1
     packs.note_time(first.jobs[0], 0.01)
@@ -164,7 +164,7 @@ def test_packs_are_of_about_a_second_once_a_cell_is_known():
 
 def test_every_job_is_handed_out_once_whatever_the_sizes():
     rng = np.random.default_rng(0)
-    packs = Packs([*jobs(300), *jobs(200, "b")], workers=3)
+    packs = Packs(deque([*jobs(300), *jobs(200, "b")]), workers=3)
     handed = Counter()
     while (pack := packs.take()) is not None:
         for job in pack.jobs:
@@ -174,7 +174,7 @@ def test_every_job_is_handed_out_once_whatever_the_sizes():
 
 
 def test_the_run_that_a_worker_was_lost_with_goes_alone_and_is_at_fault_the_second_time():
-    packs = Packs(jobs(3), workers=1)
+    packs = Packs(deque(jobs(3)), workers=1)
     first = packs.take().jobs
     rest = [*first, *packs.take().jobs]
     assert packs.return_lost(rest, at_fault=False) is None
@@ -193,7 +193,7 @@ def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatc
     specs = [Spec("mine.py:Slow", words, "de", {}, 30, 0), Spec("mine.py:Slow", {}, "de", {}, 30, 1)]
     jobs = [Job(read_asked(made_pair(s.problem, s.problem_options, s.optimizer, {}), 30, s.repetition).run_id, s, "a")
             for s in specs]  # fmt: skip
-    packs = Packs(jobs, 1)
+    packs = Packs(deque(jobs), 1)
 
     def end_what_hangs():
         wait_for(lambda: any(run.silent_line() for run in in_progress.read_running(store.folder)))
@@ -215,7 +215,7 @@ def test_a_worker_that_can_do_no_more_after_each_run_loses_none(tmp_path, monkey
     store = ResultStore(tmp_path / "left")
     store.open()
     specs = [Spec("sensor_zero", {}, "nlopt_GN_ESCH", {}, 10, repetition) for repetition in range(6)]
-    packs = Packs([Job(spec.execute().run_id, spec, "a") for spec in specs], 2)
+    packs = Packs(deque(Job(spec.execute().run_id, spec, "a") for spec in specs), 2)
     ended = list(Processes(store.folder, "left", 2).carry(packs))
     assert [notice.status for notice in ended] == ["ok"] * 6
     assert {notice.run_id for notice in ended} == store.finished()
