@@ -8,7 +8,7 @@ candidate decides once, and of plain turns (or slides) about z:
 A point goes through it from the tool to the world: a turn in a plane and one affine map a joint, without a branch, so
 that candidates stand side by side in the SIMD lanes. `cost` is the same code with one lane: the same bits.
 
-`template`, (P,), holds all parameters (`kinematics.parameter_names`), x the `free` ones of them. `fixed`, (J + 2, 12),
+`template`, (P,), holds all parameters (`kinematics.parameter_units`), x the `free` ones of them. `fixed`, (J + 2, 12),
 are rotation and shift before each placement, `align`, (J, 9), what turns z into the joint's axis. `sliding`, (J,), is 1
 for a sliding joint; `stands`, (n, J), are the positions of the joints. Frames are flat: nine numbers of a rotation by
 rows, then three of a place.
@@ -299,9 +299,21 @@ def _group(
 @part()
 def means_of(seen: Array, screws: Array, groups: Index, mean: Array, moved: Array) -> None:
     """Write the mean place in each socket, (sockets, 3), and its slopes, (sockets, 3, dim)."""
-    if mean.shape[0] > 0:
-        _means(seen, ALONE, groups, mean)
-        _mean_slopes(screws, groups, moved)
+    if mean.shape[0] == 0:
+        return
+    _means(seen, ALONE, groups, mean)
+    count = np.zeros(moved.shape[0])
+    for g in range(groups.shape[0]):
+        if groups[g, 0] == SOCKET:
+            s = groups[g, 2]
+            count[s] += 1.0
+            for c in range(3):
+                for d in range(moved.shape[2]):
+                    moved[s, c, d] += screws[groups[g, 1], c, d]
+    for s in range(moved.shape[0]):
+        for c in range(3):
+            for d in range(moved.shape[2]):
+                moved[s, c, d] /= count[s]
 
 
 @part()
@@ -358,22 +370,6 @@ def _means(seen: Array, i: int, groups: Index, mean: Array) -> None:
     for s in range(mean.shape[0]):
         for c in range(3):
             mean[s, c] /= count[s]
-
-
-@part()
-def _mean_slopes(screws: Array, groups: Index, moved: Array) -> None:
-    count = np.zeros(moved.shape[0])
-    for g in range(groups.shape[0]):
-        if groups[g, 0] == SOCKET:
-            s = groups[g, 2]
-            count[s] += 1.0
-            for c in range(3):
-                for d in range(moved.shape[2]):
-                    moved[s, c, d] += screws[groups[g, 1], c, d]
-    for s in range(moved.shape[0]):
-        for c in range(3):
-            for d in range(moved.shape[2]):
-                moved[s, c, d] /= count[s]
 
 
 @part()
@@ -496,7 +492,14 @@ def links(full: Array, fixed: Array, align: Array, link: Array, ways: Array, fra
     for k in range(joints + 2):
         at = 0 if k == 0 else 6 + 8 * (k - 1)
         placement(full, at, ALONE, fixed[k], angles, placed)
-        _directions(full, at, local)
+        # the unit vectors that the six parameters move along or turn about, in the frame before
+        cy, sy = cos_sin(full[at + 4, 0])
+        cz, sz = cos_sin(full[at + 5, 0])
+        for a in range(18):
+            local[a] = 0.0
+        local[0] = local[4] = local[8] = local[17] = 1.0
+        local[9], local[10], local[11] = cz * cy, sz * cy, -sy
+        local[12], local[13] = -sz, cz
         for what in range(6):
             for a in range(3):
                 ways[k, 3 * what + a] = (
@@ -655,15 +658,3 @@ def _circle(c: Array, s: Array) -> None:
     else:
         for i in range(WIDE):
             c[i], s[i] = near_cos_sin(s[i])
-
-
-@part()
-def _directions(full: Array, at: int, local: Array) -> None:
-    """Write the unit vectors that a placement's six parameters move along or turn about, (18,), in the frame before."""
-    cy, sy = cos_sin(full[at + 4, 0])
-    cz, sz = cos_sin(full[at + 5, 0])
-    for a in range(18):
-        local[a] = 0.0
-    local[0] = local[4] = local[8] = local[17] = 1.0
-    local[9], local[10], local[11] = cz * cy, sz * cy, -sy
-    local[12], local[13] = -sz, cz

@@ -132,7 +132,7 @@ def _least_median(rows: Array, wanted: Array, first: Numbers) -> tuple[Numbers, 
     """Return the numbers that leave the least median, refined on the poses near to it, and which these are."""
     some = np.linspace(0, len(rows) - 1, min(len(rows), _SHOWN)).astype(np.int64)  # of many, as many show the median
     shown, there = rows[some], wanted[some]
-    picks = _picks(len(rows), len(some))
+    picks = handfuls(len(rows), len(some), _HANDFULS, _HANDFUL, 15)
     best, least = first, np.inf
     tried = _solved(shown[picks].reshape(_HANDFULS, -1, 15), there[picks].reshape(_HANDFULS, -1, 1))[:, :, 0]
     for part in np.array_split(tried, 1 + len(some) // 200):  # they fill no memory
@@ -150,11 +150,11 @@ def _least_median(rows: Array, wanted: Array, first: Numbers) -> tuple[Numbers, 
     return best, near
 
 
-@lru_cache(16)
-def _picks(n: int, shown: int) -> Index:
-    """Return handfuls of the poses that are shown of n, the same ones each time."""
-    rng = np.random.default_rng(np.random.SeedSequence([n, 15]))
-    return np.asarray(np.argsort(rng.random((_HANDFULS, shown)), axis=1)[:, :_HANDFUL])
+@lru_cache(32)
+def handfuls(n: int, shown: int, count: int, size: int, seed: int) -> Index:
+    """Return so many handfuls of this `size` of those that are `shown` of n, (count, size), the same ones each time."""
+    rng = np.random.default_rng(np.random.SeedSequence([n, seed]))
+    return np.asarray(np.argsort(rng.random((count, shown)), axis=1)[:, :size])
 
 
 def _solved(rows: Array, wanted: Array) -> Array:

@@ -144,16 +144,11 @@ def frame_of(parent: str, child: str, pose: Array, spread: Callable[[Array], tup
 
 def frames_of(adjustment: Adjustment, mounting: str) -> tuple[Frame, Frame]:
     """Return the camera's frame, and the board's: on the flange and in the base, or the other way round."""
-
-    def of(by: Array) -> Callable[[Array], tuple[Array, Array]]:
-        return lambda numbers: spread(adjustment, numbers @ by)
-
-    parents = ("flange", "base") if mounting == "eye_in_hand" else ("base", "flange")
-    poses, slopes = (np.asarray(inverse(adjustment.mount)), adjustment.tool), slopes_of(adjustment)
-    camera, board = (
-        frame_of(parent, child, pose, of(by))
-        for parent, child, pose, by in zip(parents, ("camera", "board"), poses, slopes, strict=True)
-    )
+    of_camera, of_board = ("flange", "base") if mounting == "eye_in_hand" else ("base", "flange")
+    by_camera, by_board = slopes_of(adjustment)
+    mount = np.asarray(inverse(adjustment.mount))
+    camera = frame_of(of_camera, "camera", mount, lambda numbers: spread(adjustment, numbers @ by_camera))
+    board = frame_of(of_board, "board", adjustment.tool, lambda numbers: spread(adjustment, numbers @ by_board))
     return camera, board
 
 
@@ -197,15 +192,12 @@ def scale_of(adjustment: Adjustment, stated: tuple[float, float] = (0.0, 0.0)) -
     if "scale" not in one.free:
         free = (*one.free, "scale")
         one = adjust(one.sight, one.mount, one.tool, stated, near=~one.wild, free=free, offset=one.offset)
-    se, freedom = (float(value[0]) for value in errors_of(one, _slope_of(one, "scale")))
+    slope = np.eye(12 + len(one.free))[[12 + one.free.index("scale")]]
+    se, freedom = (float(value[0]) for value in errors_of(one, slope))
     if freedom < _SPARE:
         return None
     limit = max(se, 1e-9) * float(_student(1 - _CHANCE / 2, np.array(freedom)))
     return Scale(one.scale, max(se, 1e-9), bool(abs(one.scale - 1) > limit))
-
-
-def _slope_of(adjustment: Adjustment, name: str) -> Array:
-    return np.eye(12 + len(adjustment.free))[[12 + adjustment.free.index(name)]]
 
 
 LEAST = 3  # poses: two motions about different axes
@@ -373,7 +365,8 @@ def _of_clock(adjustment: Adjustment) -> dict[str, Any]:
     """Return the offset of the camera's clock [s] with its standard error and 95 % interval, where it was fitted."""
     if "offset" not in adjustment.free:
         return {}
-    se, half = (float(one[0]) for one in spread(adjustment, _slope_of(adjustment, "offset")))
+    slope = np.eye(12 + len(adjustment.free))[[12 + adjustment.free.index("offset")]]
+    se, half = (float(one[0]) for one in spread(adjustment, slope))
     value = adjustment.offset
     return {"offset": value, "offset_se": se, "offset_ci95": (value - half, value + half)}
 

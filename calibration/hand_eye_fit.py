@@ -168,7 +168,7 @@ def adjust(
             r = float((one[1:] * one[:-1]).sum() / max(float((one**2).sum()), _FLOOR))
             if found.noise[g] > 1e3 * _FLOOR and r * np.sqrt(one.size) > ndtri(1 - _CHANCE):
                 alike[g] = min(r, 0.98)
-    fewer = _fewer(alike)
+    fewer = (1 + alike) / (1 - alike)
     freedom = np.maximum(found.freedom / fewer, _LEAST)
     return replace(found, parts=found.parts * fewer[:, None, None], freedom=freedom, alike=alike)
 
@@ -207,12 +207,8 @@ def _by_pairs(found: Adjustment, slopes: Array) -> tuple[Array, Array]:
     common = shared.swapaxes(1, 2) @ shared @ inverted
     squares = (own**2 - 2 * own * theirs).sum(axis=1) + (common * common.swapaxes(1, 2)).sum(axis=(1, 2))
     freedom = (own - theirs).sum(axis=1) ** 2 / np.maximum(squares, _NOTHING)
-    fewer = float(_fewer(found.alike).max())
+    fewer = float(((1 + found.alike) / (1 - found.alike)).max())
     return (moved**2).sum(axis=1) * fewer, np.maximum(freedom / fewer, _LEAST)
-
-
-def _fewer(alike: Array) -> Array:
-    return np.asarray((1 + alike) / (1 - alike))
 
 
 def again(found: Adjustment, keep: Mask) -> Adjustment:

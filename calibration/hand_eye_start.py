@@ -7,14 +7,13 @@ after that. Handfuls of pairs are tried, against wild ones, and so are other ord
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from itertools import product
 from typing import Literal, final
 
 import numpy as np
 
 from calibench.calibration.columns import Matched, by_their_names, match_columns
-from calibench.calibration.frames import angle_between, nearest_rotation
+from calibench.calibration.frames import angle_between, handfuls, nearest_rotation
 from calibench.calibration.hand_eye_fit import Track
 from calibench.calibration.readings import Table, held_back, without_copies
 from calibench.calibration.rigid import Array, Index, Mask, inverse
@@ -365,6 +364,7 @@ def _proposed(table: Table, ours: Mapping[str, str]) -> str:
 
 
 _HANDFUL, _HANDFULS = 3, 200
+_DRAWN = (_HANDFULS, _HANDFUL, 18)  # and their seed
 _NEAR_PART = 0.35  # of the pairs are sound at the least: what they leave ranks the handfuls
 _TIMES = 10.0  # times better: no chance, but another meaning of the same numbers
 _TWICE = 2.0  # times better: one order of angles beside another
@@ -499,7 +499,7 @@ def _rotations(arm: Array, seen: Array) -> tuple[Array, Array, float, Mask]:
     best, near = _solved(rows.reshape(1, -1, 18)), np.ones(n, dtype=bool)
     angles = _angles(arm, seen, best)[0]
     if n > 2 * _HANDFUL:
-        tried = np.concatenate([best, _solved(rows[_handfuls(n)].reshape(_HANDFULS, -1, 18))])
+        tried = np.concatenate([best, _solved(rows[handfuls(n, n, *_DRAWN)].reshape(_HANDFULS, -1, 18))])
         by_handful = _angles(arm, seen, tried)
         k = int(np.argmin(np.quantile(by_handful, _NEAR_PART, axis=1)))
         best, angles = tried[[k]], by_handful[k]
@@ -512,13 +512,6 @@ def _rotations(arm: Array, seen: Array) -> tuple[Array, Array, float, Mask]:
             if np.array_equal(near, before):
                 break
     return best[0, 0].T, best[0, 1], float(np.median(angles[near])), near
-
-
-@lru_cache(16)
-def _handfuls(n: int) -> Index:
-    """Return handfuls of n pairs, the same ones each time."""
-    rng = np.random.default_rng(np.random.SeedSequence([n, 18]))
-    return np.asarray(np.argsort(rng.random((_HANDFULS, n)), axis=1)[:, :_HANDFUL])
 
 
 def _solved(rows: Array) -> Array:
@@ -585,7 +578,7 @@ def _by_handful(rows: Array) -> Array:
     n, k = len(rows), rows.shape[2]
     if n <= 2 * _HANDFUL:
         return np.empty((0, k, 0))
-    return np.asarray(np.linalg.pinv(rows[_handfuls(n)].reshape(_HANDFULS, -1, k), rcond=1e-6))
+    return np.asarray(np.linalg.pinv(rows[handfuls(n, n, *_DRAWN)].reshape(_HANDFULS, -1, k), rcond=1e-6))
 
 
 def _nearest(rows: Array, wanted: Array, by_handful: Array) -> tuple[Array, float, Mask]:
@@ -596,7 +589,7 @@ def _nearest(rows: Array, wanted: Array, by_handful: Array) -> tuple[Array, floa
     apart = np.linalg.norm(rows @ solved - wanted, axis=1)
     middle = float(np.median(apart))
     if n > 2 * _HANDFUL:
-        tried = (by_handful @ wanted[_handfuls(n)].reshape(_HANDFULS, -1, 1))[:, :, 0]
+        tried = (by_handful @ wanted[handfuls(n, n, *_DRAWN)].reshape(_HANDFULS, -1, 1))[:, :, 0]
         tried = np.concatenate([solved[None], tried])
         left = np.linalg.norm(np.einsum("nck,hk->hnc", rows, tried) - wanted, axis=2)
         best = int(np.argmin(np.quantile(left, _NEAR_PART, axis=1)))

@@ -132,13 +132,8 @@ PLACEMENT = ("x", "y", "z", "rx", "ry", "rz")
 UNITS = ("mm", "mm", "mm", "rad", "rad", "rad")
 
 
-def parameter_names(chain: Chain) -> tuple[str, ...]:
-    """Return the names of all parameters of a chain, in the order of the vector: base, each joint, tool."""
-    return tuple(parameter_units(chain))
-
-
 def parameter_units(chain: Chain) -> dict[str, str]:
-    """Return the unit of each parameter by its name, in the same order; that of a gain is empty."""
+    """Return the unit of each parameter by its name, in the order of the vector: base, each joint (a gain has "")."""
     placed = list(zip(PLACEMENT, UNITS, strict=True))
     units = {f"base_{one}": unit for one, unit in placed}
     for joint in chain.joints:
@@ -185,7 +180,7 @@ def _poses(chain: Chain, p: Mapping[str, Any] | Array, q: Array, free: Index, or
         )
     stands = np.ascontiguousarray(chain.positions(q))
     if isinstance(p, Mapping):  # what it leaves out is nominal
-        names, values = parameter_names(chain), nominal(chain)
+        names, values = [*parameter_units(chain)], nominal(chain)
         index = {name: k for k, name in enumerate(names)}
         for name, value in p.items():
             if name not in index:

@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 
 from calibench.calibration.dh import DhArm, DhTable
-from calibench.calibration.kinematics import Chain, forward, jacobian, nominal, parameter_names
+from calibench.calibration.kinematics import Chain, forward, jacobian, nominal, parameter_units
 from calibench.calibration.loci import Loci
 from calibench.calibration.readings import Readings
 from calibench.calibration.rigid import Array, Index, Mask, cross, inverse, vector_of
@@ -65,7 +65,7 @@ class ArmModel:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Return the names of all parameters."""
-        names = parameter_names(self.chain) if self.rows is None else self.rows.names
+        names = tuple(parameter_units(self.chain)) if self.rows is None else self.rows.names
         return (*names[:-6], *self._more, *names[-6:])
 
     @cached_property

@@ -58,11 +58,20 @@ def motion_from(model: ArmModel, p: Array, kept: Index, wild: Mask) -> Motion | 
 
 
 def motion_of_wild(model: ArmModel, p: Array, kept: Index, wild: Mask) -> Motion | None:
-    """Return the motion that makes the `wild` readings fit, (n,); None if none does."""
+    """Return the likeliest motion of the `wild` readings, (n,), `share` being of a middle one; None if it fits none."""
     rows = np.flatnonzero(wild)
     if not _asked(model) or len(rows) < _LEAST or len(wild) > _SHOWN:
         return None
-    motion = _Left(model, p, kept).of_wild(rows)
+    left, found = _Left(model, p, kept), list[tuple[float, Motion]]()
+    some, rest = left.columns[rows], left.columns[rows, :, -1]
+    for what, at in left.kinds:
+        ways = some[:, :, left.fitted :][:, :, at]
+        by = ways @ np.linalg.lstsq(ways.reshape(-1, ways.shape[2]), rest.ravel(), rcond=_SAME)[0]
+        size, beside = ((one**2).sum(axis=1) for one in (rest, rest - by))
+        unlikely = rest.size * np.log(beside.sum() + 1e-300) + ways.shape[2] * np.log(rest.size)
+        off, share = float(np.sqrt((by**2).sum(axis=1).mean())), 1 - float(np.median(beside / size))
+        found.append((unlikely, Motion(what, rows, off, share)))
+    motion = min(found, key=lambda one: one[0])[1]
     return motion if motion.share > _OF_WILD else None
 
 
@@ -94,18 +103,6 @@ class _Left:
         pieces = np.array([self._square(np.arange(a, b)) for a, b in pairwise([*ends, len(self.columns)])])
         parts = pieces[::-1].cumsum(axis=0)[::-1]
         return [self._likeliest(part, np.arange(end, len(self.columns))) for end, part in zip(ends, parts, strict=True)]
-
-    def of_wild(self, rows: Index) -> Motion:
-        """Return the likeliest motion of these readings, to which no number was fitted; `share` is of a middle one."""
-        rest, found = self.columns[rows, :, -1], list[tuple[float, Motion]]()
-        for what, at in self.kinds:
-            ways = self.columns[rows][:, :, self.fitted :][:, :, at]
-            by = ways @ np.linalg.lstsq(ways.reshape(-1, ways.shape[2]), rest.ravel(), rcond=_SAME)[0]
-            size, left = ((one**2).sum(axis=1) for one in (rest, rest - by))
-            unlikely = rest.size * np.log(left.sum() + 1e-300) + ways.shape[2] * np.log(rest.size)
-            off, share = float(np.sqrt((by**2).sum(axis=1).mean())), 1 - float(np.median(left / size))
-            found.append((unlikely, Motion(what, rows, off, share)))
-        return min(found, key=lambda one: one[0])[1]
 
     def _square(self, rows: Index) -> Array:
         some = self.columns[rows].reshape(-1, self.columns.shape[2])

@@ -279,7 +279,12 @@ def mistake_in(readings: Readings, chain: Chain) -> str:
 def _cured(readings: Readings, chain: Chain, most: float = inf) -> "tuple[float, Trial] | None":
     """Return the mistake without which the readings fit the arm, to `most` mm, and how well; None where none is."""
     best: tuple[float, Trial] | None = None
-    for meant in _as_meant(readings, chain):
+    ways = [readings]  # and with sliding joints in m where no unit is stated: beside a mistake neither need fit
+    known = {*readings.table.units, *(c for n in readings.notes if n.code is Code.UNIT_FOUND for c in n.columns)}
+    rails = [k for k, name in enumerate(chain.driven) if name in readings.sliding]
+    if open_ := [k for k in rails if readings.matched.joints[chain.driven[k]] not in known]:
+        ways.append(replace(readings, joints=_scaled(readings.joints, open_, UNITS["m"])))
+    for meant in ways:
         for trials in _trials(meant, chain):
             results = [(*_apart(trial, chain), trial) for trial in trials]
             far, fits, trial = min(results, key=lambda one: one[0])
@@ -288,15 +293,6 @@ def _cured(readings: Readings, chain: Chain, most: float = inf) -> "tuple[float,
                 best = far, replace(trial, text="; or as near ".join([trial.text, *alike[: _MOST - 1]]))
                 break
     return best
-
-
-def _as_meant(readings: Readings, chain: Chain) -> Iterator[Readings]:
-    """Yield the readings, and with sliding joints in m where no unit is stated: beside a mistake neither need fit."""
-    yield readings
-    known = {*readings.table.units, *(c for n in readings.notes if n.code is Code.UNIT_FOUND for c in n.columns)}
-    rails = [k for k, name in enumerate(chain.driven) if name in readings.sliding]
-    if open_ := [k for k in rails if readings.matched.joints[chain.driven[k]] not in known]:
-        yield replace(readings, joints=_scaled(readings.joints, open_, UNITS["m"]))
 
 
 def _apart(trial: "Trial", chain: Chain) -> tuple[float, bool]:

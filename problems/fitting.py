@@ -115,6 +115,7 @@ def value_of_noise(expected: Callable[[Any], float]) -> cached_property[float | 
     """
 
     def value(problem: Any) -> float | None:
+        """Return the value at which an answer is as good as the noise; None of no instance."""
         if problem.drawn is None:
             return None
         return float(problem(problem.truth) if problem.drawn.noise.level > 0 else expected(problem))
@@ -130,6 +131,7 @@ def levels(exact: Callable[[Any], tuple[float, ...]]) -> property:
     """
 
     def targets(problem: Any) -> tuple[float, ...]:
+        """Return levels of the value whose first crossing is recorded, the largest first."""
         if problem.drawn is None:
             return exact(problem)
         level = problem.as_good_as_noise

@@ -129,14 +129,16 @@ def fmincon(
 
 
 @final
+@dataclass(eq=False)
 class Called:
     """The user's function: one point is one call, however often it is asked about. `count` is the calls so far."""
 
-    def __init__(self, fun: Callable[[Array], Any], options: Options, lower: Array, upper: Array) -> None:
-        self.count = 0
-        self._fun, self._lower, self._upper = fun, lower, upper
-        self._own, self._kind = options.SpecifyObjectiveGradient, options.FiniteDifferenceType
-        self._last: tuple[Array, float, Array | None] | None = None
+    fun: Callable[[Array], Any]
+    options: Options
+    lower: Array
+    upper: Array
+    count: int = 0
+    _last: tuple[Array, float, Array | None] | None = None
 
     def value(self, x: Array) -> float:
         """Return f(x); NaN where it is complex."""
@@ -147,9 +149,9 @@ class Called:
         value, gradient = self._ask(x)
         if gradient is not None:
             return gradient
-        size = step_sizes(x, self._lower, self._upper)
-        call, kind = (lambda at: self._call(at)[0]), self._kind
-        return differences(call, x, value, self._lower, self._upper, size=size, kind=kind, steps=steps)
+        size = step_sizes(x, self.lower, self.upper)
+        call, kind = (lambda at: self._call(at)[0]), self.options.FiniteDifferenceType
+        return differences(call, x, value, self.lower, self.upper, size=size, kind=kind, steps=steps)
 
     def _ask(self, x: Array) -> tuple[float, Array | None]:
         if self._last is None or not np.array_equal(x, self._last[0]):
@@ -158,8 +160,8 @@ class Called:
 
     def _call(self, x: Array) -> tuple[float, Array | None]:
         self.count += 1
-        value, gradient = self._fun(x.copy()), None
-        if self._own:
+        value, gradient = self.fun(x.copy()), None
+        if self.options.SpecifyObjectiveGradient:
             if not isinstance(value, tuple | list) or len(value) < 2:
                 kind = type(value).__name__
                 raise ValueError(f"fun returned {kind}: (f, gradient) is needed, as SpecifyObjectiveGradient")

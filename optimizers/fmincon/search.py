@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple, Protocol, final
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, final
 
 import numpy as np
 
@@ -27,17 +27,14 @@ _INFEASIBLE = "No feasible point found: near the last one constraints are violat
 _UNBOUNDED = "Unbounded: the objective {:.3e} is below ObjectiveLimit {:.1e}, and the constraints are satisfied."
 _OUT_OF_ITERATIONS = "Stopped at MaxIterations = {}."
 
+if TYPE_CHECKING:
+    from calibench.optimizers.derivatives import Memoized
+    from calibench.optimizers.fmincon.direct import Called
+
+    Asked: TypeAlias = "Called | Memoized"  # an objective in the form that a search needs
+
 ExitFlag = Literal[1, 2, 4, 5, 0, -1, -2, -3]
 Slopes = tuple[Array, Array]  # of inequalities and of equalities, a row each
-
-
-class Asked(Protocol):
-    """An objective in the form that a search needs; `count` is the evaluations so far."""
-
-    count: int
-
-    def value(self, x: Array, /) -> float: ...
-    def gradient(self, x: Array, steps: Array | None = None, /) -> Array: ...
 
 
 def search(asked: Asked, region: Region, options: Options, x0: Array) -> tuple[Finished, State | None]:
@@ -99,11 +96,14 @@ def search(asked: Asked, region: Region, options: Options, x0: Array) -> tuple[F
 
 
 @final
+@dataclass(eq=False)
 class Walk:
     """A search on its way: `state` is where it is. u are coordinates of `Frame`, x the user's, both of shape (n,)."""
 
-    def __init__(self, asked: Asked, region: Region, options: Options, state: State) -> None:
-        self.asked, self.region, self.options, self.state = asked, region, options, state
+    asked: Asked
+    region: Region
+    options: Options
+    state: State
 
     def value(self, u: Array) -> float:
         """Return the scaled objective; where it or a constraint is not defined a value that is always refused."""
@@ -411,12 +411,12 @@ class State:
         return replace(self, path=(*self.path, iterate), trial=None, idle=idle, least=least)
 
 
+@dataclass(eq=False)
 class Finished(Exception):
     """The search is over: MATLAB's exit flag, and the message."""
 
-    def __init__(self, flag: ExitFlag, message: str) -> None:
-        super().__init__(message)
-        self.flag, self.message = flag, message
+    flag: ExitFlag
+    message: str
 
 
 def met_at(

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, final
 import numpy as np
 
 from calibench.calibration.determined import observability, reach
-from calibench.calibration.kinematics import GAP, Chain, Compared, constants, forward, nominal, parameter_names
+from calibench.calibration.kinematics import GAP, Chain, Compared, constants, forward, nominal, parameter_units
 from calibench.problems.base import Array, Parameter, line_of, table_of
 from calibench.problems.compiled_problem import CompiledProblem, hold, itself, passed
 from calibench.problems.fitting import best_of, least_of_instance, levels, value_of_noise, worst_errors
@@ -114,6 +114,6 @@ class ArmCalibration:
         return observability(self.jacobian(self.best if self.truth is None else self.truth) * scale)
 
     def _arguments(self, readings: Compared, limit: float) -> tuple[Any, ...]:
-        names = parameter_names(self.chain)
+        names = [*parameter_units(self.chain)]
         free = np.array([names.index(p.name) for p in self.parameters], dtype=np.int64)
         return constants(self.chain, readings, nominal(self.chain), free, limit)

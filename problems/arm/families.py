@@ -46,8 +46,6 @@ def _own(
 class ShippedFamily:
     """An arm whose readings come with the package, or one drawn like it."""
 
-    said_if_chosen = ("instance",)
-
     def __init__(self, name: str, about: str | None) -> None:
         self.name, self.__doc__ = name, about
 
@@ -73,7 +71,6 @@ class ArmFamily:
     """The geometry of one's own arm from its URDF, or a table of its joints, and a CSV file of measured postures."""
 
     name = "arm"
-    said_if_chosen = ("dh", "convention")
 
     def __call__(self, **options: Any) -> ArmCalibration:
         """Build the problem with `options` (those of ``bench list problems``)."""

@@ -130,7 +130,7 @@ def _in_sockets(chain: Chain, of: Stream, middle: Array, half: Array) -> tuple[A
     at = np.array(points)
 
     # brought near to the points by Newton's steps of least length
-    reached, names = np.array(tries), kinematics.parameter_names(chain)
+    reached, names = np.array(tries), tuple(kinematics.parameter_units(chain))
     zeros = [names.index(f"zero_{joint.name}") for joint in chain.joints]
     for _ in range(10):
         rest = at - kinematics.forward(chain, {}, reached)[:, :3, 3]

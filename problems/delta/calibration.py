@@ -223,7 +223,6 @@ class DeltaFamily:
     """Endstops, radius, angles and rods of a linear delta, from heights of the bed and a printed object."""
 
     name = _FAMILY
-    said_if_chosen = ("instance",)
 
     def __call__(self, **options: Any) -> DeltaProbing:
         """Build the problem with `options` (those of ``bench list problems``)."""

@@ -163,7 +163,6 @@ class OrthoglideFamily:
     """
 
     name = _FAMILY
-    said_if_chosen = ("instance",)  # so that the rows of the paper's problem stay as they were
 
     def __call__(self, **options: Any) -> Orthoglide:
         """Build the problem with `options` (those of ``bench list problems``)."""

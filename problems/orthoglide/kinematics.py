@@ -68,14 +68,6 @@ def direct_kinematics(joints: Array, errors: Array | None = None) -> Array:
     return places
 
 
-def jacobian(position: Array, joints: Array, lengths: Array | None = None) -> Array:
-    """Return dp / d(drho, dL), shape (3, 6), at a tool centre point and true joints (rho + drho), shapes (3,), mm."""
-    p, rho = np.asarray(position, dtype=float), np.asarray(joints, dtype=float)
-    legs = np.full(3, geometry().length) if lengths is None else np.asarray(lengths, dtype=float)
-    left = np.tile(p, (3, 1)) - np.diag(rho)
-    return np.asarray(np.linalg.solve(left, np.hstack([np.diag(p - rho), np.diag(legs)])))  # eq. (5)
-
-
 def posture_jacobian(axis: int | None = None, alpha: float = 0.0) -> Array:
     """Return the nominal Jacobian, shape (3, 6), at Zero, eq. (6), or with the tool moved along `axis`, eq. (8).
 

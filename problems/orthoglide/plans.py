@@ -6,7 +6,6 @@ Measured are the paper's five sets (Table 1: six differences, Max minus Min; Tab
 user's own table. Experiment 3 is printed in both with values that cannot be one measurement: they are never mixed.
 """
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -260,17 +259,6 @@ def _number(label: str, cells: dict[str, Any], key: str, default: float | None, 
     if not np.isfinite(value):
         raise ValueError(f"{label}: {key}={text}: a finite number is needed")
     return value * units.get(key, 1.0)
-
-
-def write_table(path: str | Path, plan: Plan, deviations: Array | None = None) -> None:
-    """Write a plan as the CSV file that `read_table` takes, with the deviations [mm] or empty cells to be filled in."""
-    values = [""] * len(plan) if deviations is None else [repr(float(d)) for d in deviations]
-    with open(path, "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow([name if name != "deviation" else "deviation [mm]" for name in _KNOWN])
-        for r, value in zip(plan, values, strict=True):
-            posture = (r.leg, r.direction, r.axis, r.gauge_position, r.level_mm, r.against_mm)
-            writer.writerow([*posture, r.approach, r.payload_N, r.repeat, value])
 
 
 def check_deviations(deviations: Array, what: str = "readings") -> None:

@@ -44,8 +44,6 @@ class Case:
 class PlanarFamily:
     """A named family of planar problems: call it with options, or with `from_readings` for measured readings."""
 
-    said_if_chosen = ("instance",)  # so that the rows of the papers' problems stay as they were
-
     def __init__(self, case: Callable[..., Case]) -> None:
         functools.update_wrapper(self, case)
         self.name = case.__name__

@@ -82,9 +82,6 @@ class BlackBox:
         """Evaluations meant by the words `ci` and `paper`."""
         return {"ci": 1_000 * len(self.lower), "paper": 10_000 * len(self.lower)}
 
-    def compile(self) -> None:
-        self._here()
-
     def __reduce__(self) -> tuple[Any, ...]:
         return _made_again, (self.name, dict(self.options))
 
@@ -93,6 +90,8 @@ class BlackBox:
         if me not in self._built:
             self._built[me] = self.build(), Lock()
         return self._built[me]
+
+    compile = _here
 
 
 def package(module: str, distribution: str, problem: str) -> Any:

@@ -13,7 +13,7 @@ from calibench.bench.cli import main
 from calibench.calibration import Arm, parse_urdf, read_arm, read_urdf
 from calibench.calibration.determined import order_of
 from calibench.calibration.fit import fit_arm
-from calibench.calibration.kinematics import forward, jacobian, nominal, parameter_names
+from calibench.calibration.kinematics import forward, jacobian, nominal, parameter_units
 from calibench.calibration.model import model_of
 from calibench.calibration.poses import choose, design_poses
 from calibench.calibration.readings import Table
@@ -163,7 +163,7 @@ def test_the_error_that_is_foretold_is_that_of_the_numbers_that_are_fitted(tmp_p
     for seed in range(8):
         rng = np.random.default_rng([seed, 3])
         p, joints = nominal(arm.chain), rng.uniform(-2, 2, (40, 6))
-        numbers = [k for k, name in enumerate(parameter_names(arm.chain)) if name.startswith("zero_joint_")][1:5]
+        numbers = [k for k, name in enumerate(parameter_units(arm.chain)) if name.startswith("zero_joint_")][1:5]
         p[numbers] = rng.normal(0, 1e-3, 4)
         seen = forward(arm.chain, p, joints)[:, :3, 3] + rng.normal(0, 0.05, (40, 3))
         readings = Table.of({

@@ -7,7 +7,7 @@ import openpyxl
 import pytest
 
 from calibench.calibration.dh import DhArm, DhRow, DhTable, read_dh, text_of_dh, urdf_of_dh
-from calibench.calibration.kinematics import ChainError, forward, parameter_names
+from calibench.calibration.kinematics import ChainError, forward, parameter_units
 from calibench.calibration.urdf import parse_urdf, read_urdf
 from calibench.problems.arm.families import shipped
 from tests.dh_by_hand import PUMA, PUMA_CRAIG, STANFORD, UR5, UR10, as_csv, modified, reached, standard
@@ -222,7 +222,7 @@ def test_numbers_of_a_table_say_all_that_placements_say():
         sizes = np.linalg.svd(scaled.reshape(360, -1), compute_uv=False)
         turning = sum(row[4] == "r" for row in rows)
         assert int((sizes > 1e-9 * sizes[0]).sum()) == 4 * turning + 2 * (6 - turning) + 6, name
-        assert set(parameter_names(table.chain)) & set(arm.names) >= {"base_x", "tool_rz"}
+        assert set(parameter_units(table.chain)) & set(arm.names) >= {"base_x", "tool_rz"}
 
 
 _PLACES = {f"{end}_{axis}" for end in ("base", "tool") for axis in "xyz"}

@@ -46,7 +46,7 @@ CHAINS = chains()
 def drawn(name, n=7, seed=0):
     """Return the chain, parameters that are wrong in everything, and postures."""
     chain, rng = CHAINS[name], np.random.default_rng(seed)
-    p = K.nominal(chain) + rng.normal(0, 0.05, len(K.parameter_names(chain)))
+    p = K.nominal(chain) + rng.normal(0, 0.05, len(K.parameter_units(chain)))
     return (
         chain,
         p,
@@ -72,7 +72,7 @@ def moved(x, y, z):
 
 def written_out(chain, p, q):
     """Return the target's pose for one posture, a factor after the other; a complex step passes through."""
-    value = dict(zip(K.parameter_names(chain), p, strict=True))
+    value = dict(zip(K.parameter_units(chain), p, strict=True))
     stands = dict(zip(chain.driven, q, strict=True))
 
     def placed(of):
@@ -245,7 +245,7 @@ def test_as_many_parameters_are_kept_as_the_textbook_counts(name, kind, count):
     seen = K.forward(chain, {}, q)
     kept = gauge(chain, R.targets(q, seen[:, :3, 3], seen[:, :3, :3] if kind == "pose" else None))
     assert len(kept) == count
-    free = [K.parameter_names(chain).index(n) for n in kept]
+    free = [tuple(K.parameter_units(chain)).index(n) for n in kept]
     slopes = np.concatenate(K.jacobian(chain, {}, q)[:, : 3 if kind == "position" else 6, free])
     assert np.linalg.matrix_rank(slopes / np.linalg.norm(slopes, axis=0), 1e-6) == count
 
@@ -289,13 +289,13 @@ def test_numbers_that_differ_by_row_go_the_way_of_those_that_are_alike(name):
     p[13:-6:8] = 1.0
     p[-3:] = 0.0
     chain = chain.placed(np.eye(4), np.eye(4))
-    named = dict(zip(K.parameter_names(chain), p, strict=True))
+    named = dict(zip(K.parameter_units(chain), p, strict=True))
     named = quantities(chain) | named
     way = walk(chain, np.eye(3), named | {READING + n: q[:, k] for k, n in enumerate(chain.driven)})
     poses, whole = K.forward(chain, p, q), K.jacobian(chain, p, q)
     assert way.target == pytest.approx(poses[:, :3, 3], abs=1e-8)
     assert way.flange[0] == pytest.approx(poses[:, :3, :3], abs=1e-12)
     ours = slopes(chain, way)
-    for k, one in enumerate(K.parameter_names(chain)):
+    for k, one in enumerate(K.parameter_units(chain)):
         if one in ours:
             assert ours[one] == pytest.approx(whole[:, :3, k], abs=1e-7)

@@ -6,7 +6,7 @@ import pytest
 from calibench.calibration import read_urdf
 from calibench.calibration.fit import fit_arm, resample
 from calibench.calibration.frames import frames_of_positions
-from calibench.calibration.kinematics import forward, nominal, parameter_names
+from calibench.calibration.kinematics import forward, nominal, parameter_units
 from calibench.calibration.model import ArmModel
 from calibench.calibration.normal import covariance_of, normal_blocks, root_of, solve
 from calibench.calibration.readings import poses_of
@@ -17,7 +17,7 @@ from calibench.problems.arm.families import shipped
 def measured(n=5000, posed=True, seed=0):
     """Return the model of n readings of a UR10 that is wrong in zeros and lengths, with a noise of .05 mm."""
     chain, rng = read_urdf(shipped("ur10.urdf")).chain(), np.random.default_rng(seed)
-    p, names = nominal(chain), parameter_names(chain)
+    p, names = nominal(chain), tuple(parameter_units(chain))
     wrong = [k for k, name in enumerate(names) if name.startswith(("zero_", "x_"))]
     p[wrong] += rng.normal(0, 1, len(wrong)) * [1e-3 if names[k].startswith("zero") else 0.3 for k in wrong]
     joints = rng.uniform(-2, 2, (n, 6))

@@ -10,7 +10,6 @@ from calibench.problems.orthoglide.kinematics import (
     direct_kinematics,
     geometry,
     inverse_kinematics,
-    jacobian,
     posture_jacobian,
 )
 from calibench.problems.orthoglide.plans import covariance, named_plan, paper_plan
@@ -20,6 +19,12 @@ L = geometry().length
 ZERO = np.full(3, L)
 ERRORS = np.array([0.4, -0.7, 1.1, -0.5, 0.9, 0.3])
 WORKSPACE = np.stack(np.meshgrid(*[np.linspace(-100, 60, 5)] * 3), axis=-1).reshape(-1, 3)
+
+
+def jacobian(p, rho, legs=ZERO):
+    """Return dp / d(drho, dL), shape (3, 6), at a tool centre point and true joints, eq. (5)."""
+    left = np.tile(p, (3, 1)) - np.diag(rho)
+    return np.linalg.solve(left, np.hstack([np.diag(p - rho), np.diag(legs)]))
 
 
 def closure(p, joints, errors):

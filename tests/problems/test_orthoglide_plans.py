@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibench import problems
-from calibench.problems.orthoglide.plans import PlanName, Reading, named_plan, read_table, write_table
+from calibench.problems.orthoglide.plans import PlanName, Reading, named_plan, read_table
 
 HEADER = "leg,direction,posture,gauge_position,level_mm,pass,payload_N,repeat,split,deviation [mm]"
 
@@ -96,16 +96,6 @@ def test_a_table_written_and_read_is_the_same_problem(tmp_path, plan):
     assert problems.orthoglide6.from_readings(path).data_id == mine.data_id
     again = problems.make("orthoglide6", **{k: v for k, v in mine.options.items() if v is not None})
     assert again.data_id == mine.data_id
-
-
-def test_a_plan_is_written_for_the_bench_and_read_again(tmp_path):
-    plan, path = named_plan("rich"), tmp_path / "plan.csv"
-    write_table(path, plan)
-    assert read_table(path, deviations=False)[0] == plan
-    refused("row 2: the cell of deviation is missing", lambda: make(readings=str(path)))
-    six = make(data="exp1", free="rho")
-    write_table(path, six.plan, six.deviations)
-    assert make(readings=str(path), free="rho").data_id == six.data_id
 
 
 def test_a_plan_can_be_a_file_without_deviations(tmp_path):
