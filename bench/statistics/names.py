@@ -15,19 +15,13 @@ import numpy as np
 
 from calibench import optimizers, problems
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, by_cell
-from calibench.bench.statistics.summary import (
-    MOST_OPTIONS,
-    method_name,
-    method_names,
-    names_of_methods,
-    option_text,
-    problem_name,
-)
+from calibench.bench.statistics.summary import method_name, method_names, names_of_methods, option_text, problem_name
 from calibench.bench.store.columns import Columns, name_rows, numbered, parts, plain
 
 if TYPE_CHECKING:
     import pandas as pd
 
+_MOST_OPTIONS = 3  # of a user's problem, up to which all of them are in its name
 _NUMBER = re.compile(r"((?:(?<=[=:,(\[ ])-)?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)")
 
 
@@ -40,7 +34,7 @@ def titles_of_problems(named: Iterable[tuple[str, str, str]], but: Sequence[str]
     """Return what each problem (name, options, data) is called beside the others, the options in `but` left unsaid.
 
     That is its name, the options chosen, and those in which the problems of its name differ here. Of a class of one's
-    own nobody knows the defaults: up to `MOST_OPTIONS` options are said, else those that differ. Where two would share
+    own nobody knows the defaults: up to `_MOST_OPTIONS` options are said, else those that differ. Where two would share
     that, also what is left unsaid of an option, and where only their data differ, the start of the data's digest.
     """
     asked = list(named)
@@ -57,7 +51,7 @@ def titles_of_problems(named: Iterable[tuple[str, str, str]], but: Sequence[str]
     sharing: dict[str, list[tuple[str, str, str]]] = {}
     for name, options, data in every:
         differ = {key for one, key in varied if one == name}
-        unknown = name not in problems.registry and len(held[options]) > MOST_OPTIONS
+        unknown = name not in problems.registry and len(held[options]) > _MOST_OPTIONS
         same = held[options].keys() - differ if unknown else set()
         sharing.setdefault(problem_name(name, options, (*but, *same), differ), []).append((name, options, data))
 

@@ -33,7 +33,6 @@ SAME = 1e-9  # of a value: what is closer to it is the same value
 QUARTILES = (0.25, 0.5, 0.75)
 _NORMAL_975 = 1.959963984540054  # the normal distribution's quantile at .975
 KINDS = ("value_s", "batch_s", "residuals_s", "jacobian_s", "gradient_s", "joint_s")  # of calls, columns of costs
-MOST_OPTIONS = 3  # of a user's class, up to which all of them are in its name
 CONF = Path(conf.__file__).resolve().parent
 
 
@@ -284,6 +283,7 @@ def names_of_methods(methods: Iterable[tuple[str, str]]) -> list[str]:
     """Return what each method (optimiser, options) is called: the optimiser, and of its variants what sets them apart.
 
     That is the options that are not the default, the first if that is enough; of a preset of two or more its own name.
+    Of a class of one's own nobody knows the defaults: the options in which its variants here differ are said.
     """
     asked = list(methods)
     pairs = list(dict.fromkeys(asked))
@@ -291,8 +291,7 @@ def names_of_methods(methods: Iterable[tuple[str, str]]) -> list[str]:
     for optimizer, text in pairs:
         options = chosen_options(optimizers.registry, optimizer, parts(json.loads(text), classes=False))
         others = [parts(json.loads(its)) for name, its in pairs if name == optimizer]
-        if optimizer not in optimizers.registry and len(options) > MOST_OPTIONS:
-            # nobody here knows its defaults: what its variants differ in
+        if optimizer not in optimizers.registry:
             options = {key: value for key, value in options.items() if any(each.get(key) != value for each in others)}
         texts = [option_text(*option) for option in options.items()]
         preset = preset_names().get((optimizer, text)) if len(texts) > 1 else None

@@ -12,6 +12,7 @@ from calibench import optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.commands.study import lines_of
 from calibench.bench.statistics.progress import sweep_progress
+from calibench.bench.statistics.summary import names_of_methods
 from calibench.bench.store.runs import ResultStore, merge
 from calibench.bench.sweep.request import read_request
 from calibench.core import user_file
@@ -63,6 +64,13 @@ def test_cells_are_called_as_tables_call_them() -> None:
     several = ["problem=sensor_zero", "problem.n=3,9", "optimizer=de", "budget=60,80", "seeds=2"]
     told = set(read_request(several, True).called.values())
     assert told == {f"de on sensor_zero{n}, budget {b}" for n in ("", " n=3") for b in (60, 80)}
+
+
+def test_variants_of_an_own_method_are_told_apart_by_what_differs() -> None:
+    of = "mine.py:Climb"
+    both = [(of, json.dumps({"seeded": True, "sigma": sigma})) for sigma in (0.05, 0.2)]
+    assert names_of_methods(both) == [f"{of} (sigma=0.05)", f"{of} (sigma=0.2)"]
+    assert names_of_methods(both[:1]) == [of]
 
 
 def test_progress_and_status_say_the_names_and_the_manifest_keeps_the_labels(
