@@ -140,7 +140,7 @@ def stated_of(name: str, options: str) -> Stated | None:
 
     def ask() -> Stated | None:
         try:
-            problem = problem_of(row, "the rounding floor in its figure, where it has a truth")
+            problem = problem_of(row, "the rounding floor in its figure")
         except ValueError:
             return None
         stated = Stated(str(extra_of(problem, "unit", "")), minimum_of(problem), is_stochastic(problem))

@@ -242,7 +242,7 @@ def runs_once(optimizer: str, options: str, start: str) -> bool:
     if key not in _RUNS_ONCE:
         made: Any = None
         try:
-            with names_of_files(leaves_out="whether its runs depend on chance"):
+            with names_of_files(leaves_out="whether chance has a part"):
                 given = given_options(optimizers.registry, optimizer, json.loads(options))
                 made = optimizers.make(optimizer, **given)
         except NotImported:

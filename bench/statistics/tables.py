@@ -21,7 +21,7 @@ from calibench.problems.base import Parameter, parameters_of
 
 PrintedValues = Callable[[str, Any], Mapping[str, float]]  # of a problem's name and the problem: parameter -> value
 MADE = "made"  # the first word of the key under which `once` keeps a problem itself
-OF_THE_DATA = "what its data can tell and standard errors, where it has a Jacobian"
+OF_THE_DATA = "what its data can tell"
 
 _KNOWN: ContextVar[dict[tuple[str, ...], Any] | None] = ContextVar("_KNOWN", default=None)
 

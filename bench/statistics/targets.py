@@ -107,7 +107,7 @@ def _noise_level(row: Mapping[str, Any]) -> float:
     It is what the problem says itself, else the expectation of ``r @ r`` at the true parameters, by its declared noise.
     """
     try:
-        problem = problem_of(row, "the level that its noise leaves, where it has a truth and a noise")
+        problem = problem_of(row, "the level of its noise")
     except ValueError:  # a user's own, that is not here any more
         return float("nan")
     if getattr(problem, "as_good_as_noise", None) is not None:  # an instance: the value at its truth, not the mean
