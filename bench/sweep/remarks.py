@@ -1,7 +1,8 @@
 """What is told of a sweep, on a terminal as lines and in Python as warnings.
 
-Before its runs: goals that no run can reach, and budgets that a first sample uses up. After them: what was not finite,
-or changed the process. What is found as a problem is first called, `bench.sweep.carry_out` tells.
+Before its runs: goals that no run can reach, and budgets that a first sample uses up. After them: values below a
+declared minimum, what was not finite, or changed the process. What is found as a problem is first called,
+`bench.sweep.carry_out` tells.
 """
 
 from collections import Counter
@@ -12,7 +13,9 @@ from typing import Any
 import numpy as np
 
 from calibench.bench.execution.request import minimum_of
-from calibench.bench.store.columns import Columns, plain
+from calibench.bench.statistics.cells import PROBLEM, by_cell
+from calibench.bench.statistics.summary import lowest_below
+from calibench.bench.store.columns import Columns, floats, plain
 from calibench.core.words import counted, listed
 
 ONE_RUN = "1 run: a deterministic method gives one answer from one start, whatever the seed"
@@ -51,8 +54,9 @@ def remarks_of(cells: Iterable[Asked]) -> tuple[str, ...]:
 
 
 def remarks_on_rows(rows: Columns) -> Iterator[str]:
-    """Yield a line for what was not finite in these runs, what methods tried, and what changed the process."""
+    """Yield a line for what fell below a minimum, was not finite, what methods tried, and what changed the process."""
     evaluations = sum(int(count or 0) for count in plain(rows["evaluations"]))
+    yield from _false_minima(rows)
     for column, what in (
         ("non_finite", f"of {evaluations} values were not finite (NaN or infinite)"),
         ("non_finite_slopes", "entries of gradients and Jacobians were not finite (NaN or infinite), and read as 0"),
@@ -81,6 +85,17 @@ def remarks_on_rows(rows: Columns) -> Iterator[str]:
         more = f"; and {len(changed) - len(names)} more (column process_changes)" if len(changed) > len(names) else ""
         runs = counted(changed.total(), "run")
         yield f"{runs} changed the state of the process, which was put back: {'; '.join(names)}{more}"
+
+
+def _false_minima(rows: Columns) -> Iterator[str]:
+    if "minimum" not in rows:
+        return
+    cells = by_cell(rows, PROBLEM)
+    for cell, minimum in enumerate(floats(rows["minimum"])[cells.last].tolist()):
+        below = lowest_below(rows, minimum, cells.rows(cell))
+        if below is not None:
+            problem = rows["problem"][int(cells.first[cell])]
+            yield f"{problem}: a run found {below:.10g}, below the minimum={minimum:.10g} that it declares"
 
 
 def points_outside(rows: Columns) -> str:

@@ -433,6 +433,14 @@ def test_noisy_rows_are_the_same_with_any_number_of_workers_and_after_a_resume(c
     assert one[columns].equals(two.loc[one.index, columns])
 
 
+def test_a_value_below_the_declared_minimum_is_said_in_one_line(call):
+    words = ("problem=story:Wrong,story:Volts,story:Noisy", "optimizer=nlopt_LN_BOBYQA", "budget=60", "seeds=2")
+    _, out, _ = call("run", "-m", *words)
+    assert [line for line in out.splitlines() if "declares" in line] == [
+        "story:Wrong: a run found -3.2, below the minimum=-3 that it declares"
+    ]
+
+
 def test_constraints_are_refused_before_anything_is_written(call, tmp_path):
     code, out, err = call("run", "problem=story:Cut", "optimizer=de", "budget=30", "seeds=1")
     assert (code, out, err.count("\n")) == (2, "", 1)
