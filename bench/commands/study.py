@@ -30,6 +30,8 @@ def merge_studies(argv: list[str]) -> int:
     flags, folders = split_flags(words, ("--keep-first",))
     if not any(to) or not folders:
         raise ValueError("merge: folders and where to are needed: bench merge A B --to C")
+    if pairs := [key for key, is_, _ in (word.partition("=") for word in folders) if is_ and key.isidentifier()]:
+        raise ValueError(f"merge takes no {pairs[0]}=; it takes folders, --to and --keep-first")
     merged = merge([Path(folder) for folder in folders], Path(*to), keep_first="--keep-first" in flags)
     twice = f"; {counted(merged.twice, 'run')} stood in several folders" if merged.twice else ""
     to_do = f"; {merged.left} planned and not done" if merged.left else ""

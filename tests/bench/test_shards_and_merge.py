@@ -125,6 +125,7 @@ def test_a_run_that_nobody_collected_is_merged_too(run_bench):
         ("merge a --to a", "stands among what is to be merged"),
         ("merge a", "folders and where to are needed"),
         ("merge nowhere --to c", "there is no such study folder"),
+        ("merge a budget=60 --to c", "merge takes no budget=; it takes folders, --to and --keep-first"),
         (f"{SWEEP} shard=0/3", "I/N is needed"),
         (f"{SWEEP} shard=4/3", "I/N is needed"),
         (f"{SWEEP} shard=half", "I/N is needed"),
