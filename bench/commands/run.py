@@ -227,7 +227,8 @@ def _dry_run(request: Request, retry_failed: bool, way: Way) -> int:
                 break
             seconds += usual[label] if cost is None else spec.budget * cost + _OVERHEAD
         else:
-            print(f"they take some {span(max(seconds / read_execution(request.execution).workers, 1.0))} or more")
+            least = span(max(seconds / read_execution(request.execution).workers, 1.0))
+            print(f"they take some {least} or more; code that never ran here is compiled first, for some seconds more")
     would = f"{counted(to_do, 'run')} would go to {request.folder}" if to_do else "nothing is left to run"
     print(f"{would}; nothing was written")
     return 2 if stale is not None and stale.other and way == "ask" else 0

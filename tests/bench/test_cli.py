@@ -206,6 +206,7 @@ def test_a_dry_run_writes_nothing(run_bench, here):
     code, out, _ = run_bench("run study=quick --dry-run")
     assert code == 0
     assert "66 runs would go to results/quick" in out
+    assert " or more; code that never ran here is compiled first" in out
     assert not (here / "results").exists()
 
 
