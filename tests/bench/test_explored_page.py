@@ -21,8 +21,8 @@ from calibench.bench.report.study.explored import (
     reached_targets,
     scripts,
 )
-from calibench.bench.report.study.html_tables import by_error, methods
-from calibench.bench.report.study.page import contents, headline
+from calibench.bench.report.study.html_tables import by_error, goal_text, methods
+from calibench.bench.report.study.page import StudyPage, contents, headline
 from calibench.bench.report.study.write import report_progress, write_report
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL
@@ -49,7 +49,14 @@ def store(tmp_path_factory):
 
 def panels_of(runs):
     return [
-        Panel(title, error, f"problem-{figures.file_name(title)}", mine, optimum_of(mine))
+        Panel(
+            title,
+            error,
+            f"problem-{figures.file_name(title)}",
+            mine,
+            optimum_of(mine),
+            goal_text(mine, optimum_of(mine)),
+        )  # fmt: skip
         for title, group in figures.panels_of(runs).items()
         for error, mine in by_error(group)
     ]
@@ -108,6 +115,16 @@ def test_what_is_reached_is_what_the_statistics_say(store):
     shares = ecdf(hits, runs, keys[:1], at=costs)
     for key, mine in shares[shares["quantity"] == "gap"].groupby(keys):
         assert np.allclose(gap.share[cells[key]], mine["share"])
+
+
+def test_a_problem_says_its_goal_and_whether_its_values_are_noisy(store, tmp_path):
+    found = numbers_of(store)["problems"]
+    assert [one["goal"] for one in found] == ["J2 ≤ 1e-18 mm⁴, the rounding floor"] * 2
+    assert not any(one["noisy"] for one in found)
+    assert (
+        "<b>J2 ≤ 1e-18 mm⁴, the rounding floor</b><span>is the goal</span>"
+        in StudyPage(folder=tmp_path, runs=store.runs()).html()
+    )
 
 
 def test_cells_that_differ_only_in_their_own_target_stay_apart(tmp_path):

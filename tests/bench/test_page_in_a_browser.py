@@ -3,8 +3,10 @@
 Needs playwright (the extra ``browser``) and Chromium as the system has it; nothing is downloaded.
 """
 
+import json
 import re
 import shutil
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -76,7 +78,7 @@ class Opened:
               const table = document.querySelector("table.costs");
               const heads = [...table.querySelectorAll("thead th")].map(th => th.textContent.trim());
               return [...table.tBodies[0].rows].flatMap(row => [...row.cells].slice(1).map(
-                (td, i) => [row.cells[0].textContent.trim(), heads[i + 1], td.firstChild.textContent]));
+                (td, i) => [row.cells[0].firstChild.textContent.trim(), heads[i + 1], td.firstChild.textContent]));
             }"""
         )
 
@@ -104,6 +106,67 @@ def test_a_table_that_is_cut_at_the_edge_has_a_shade_there(opened):
     narrow = opened(width=400).page
     assert narrow.evaluate(hidden) > 0
     assert narrow.evaluate(f"getComputedStyle({table}).backgroundImage").count("linear-gradient") == 4
+
+
+def test_the_goal_is_said_with_its_value_and_its_line_fits_a_phone(opened):
+    one = opened(width=400)
+    one.open_all()
+    captions = one.page.locator("details.problem caption").all_text_contents()
+    assert captions == [f"To the goal {error} ≤ 1e-18 mm⁴, the rounding floor" for error in ("J2", "J2", "J3")]
+    ends = "[...document.querySelectorAll('tr.part span')].map(span => span.getBoundingClientRect().right)"
+    assert max(one.page.evaluate(ends)) < 400
+
+
+class Noisy:
+    """A bowl under noise, without a goal."""
+
+    stochastic = True
+    lower, upper, start = np.full(2, -1.0), np.full(2, 1.0), np.full(2, 0.5)
+
+    def __call__(self, x):
+        return float(x @ x) + 0.1 * self.rng.standard_normal()
+
+
+def test_a_noisy_problem_says_where_its_hits_stand_and_one_without_a_goal_that_it_has_none(browser, tmp_path):
+    store = ResultStore(tmp_path / "noisy")
+    store.open()
+    for problem in (Noisy(), problems.make("sensor_zero")):
+        for seed in range(3):
+            store.write(bench.execute(problem, optimizers.make("de"), budget=60, seed=seed))
+    write_report(store)
+    one = Opened(browser, store)
+    one.open_all()
+    captions = one.page.locator("figcaption").all_text_contents()
+    assert sum("a hit stands where the answer was proposed" in caption for caption in captions) == 2
+    assert "Where values are noisy, a hit stands" in one.page.locator("#suite > .why").text_content()
+    assert one.page.get_by_text("This problem has no such target").count() == 1
+
+
+def test_an_interval_that_begins_at_one_evaluation_has_no_lower_end(browser, store, tmp_path):
+    page = (store.folder / "report.html").read_text(encoding="utf-8")
+    before, begin, rest = page.partition('<script type="application/json" id=numbers>')
+    text, end, after = rest.partition("</script>")
+    numbers = json.loads(text)
+    goal = numbers["quantities"][0]
+    for cell, kept in enumerate(goal["reached"]):
+        if kept:
+            goal["reached"][cell], goal["ert"][cell], goal["low"][cell], goal["high"][cell] = [2], [9], [1], [99]
+    other = ResultStore(tmp_path)
+    (tmp_path / "report.html").write_text(before + begin + json.dumps(numbers) + end + after, encoding="utf-8")
+    assert "9 [at most 99]" in Opened(browser, other).page.locator("table.costs").text_content()
+
+
+@pytest.mark.parametrize("sheet", ["papers", "calibration", "discovery/page", "report/study"])
+def test_a_wide_drawing_scrolls_by_itself_on_a_phone(browser, sheet):
+    context = browser.new_context(viewport={"width": 400, "height": 900})
+    page = context.new_page()
+    folder = files("calibench.bench")
+    sheets = [folder / "report/shared/templates/page.css", *(folder / sheet / "templates").glob("*.css")]
+    style = "".join(one.read_text(encoding="utf-8") for one in sheets)
+    page.set_content(f"<style>{style}</style><figure class=broad><svg width=950pt height=90pt></svg></figure>")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    assert page.evaluate("document.querySelector('svg').getBoundingClientRect().width") > 500
+    context.close()
 
 
 def test_all_that_can_be_clicked_is_clicked_and_nothing_complains(opened):
@@ -323,7 +386,7 @@ class Bowl:
 def test_a_name_without_a_space_is_broken_before_it_pushes_a_number_out_of_sight(browser, tmp_path, width):
     store = ResultStore(tmp_path / "long")
     store.open()
-    for name in ("short", "x" * 150):
+    for name in ("short", "some words " * 9, "x" * 150):
         for method in ("de", "nlopt_LN_BOBYQA"):
             store.write(bench.execute(Bowl(name), optimizers.make(method), budget=50))
     write_report(store)
@@ -331,7 +394,8 @@ def test_a_name_without_a_space_is_broken_before_it_pushes_a_number_out_of_sight
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     if width < 1000:
         return  # there the table scrolls
-    wide = "[...document.querySelectorAll('table.costs')].map(t => t.scrollWidth - t.parentElement.clientWidth)"
+    tables = "document.querySelectorAll('table.costs,#contents + .scroll table')"
+    wide = f"[...{tables}].map(t => t.scrollWidth - t.parentElement.clientWidth)"
     assert max(page.evaluate(wide)) <= 0
 
 

@@ -40,7 +40,7 @@ _NEEDED = {
 _QUANTITIES = {
     GOAL: ("the goal of each problem", "",
            "the level that counts as success: a run's own target, or the problem's, or where it has none the lowest "
-           "value seen"),
+           "value seen, if half of the runs of some method came to it"),
     "gap": ("distance to the best value", "",
             "best value minus the least one: the declared minimum of the problem, else the best that any run of this "
             "study found"),
@@ -59,13 +59,14 @@ _OURS = ("state.js", "style.js", "chart.js", "draw.js", "sort.js", "controls.js"
 @final
 @dataclass(frozen=True)
 class Panel:
-    """One problem under one error function: its runs, and what is known of its least value."""
+    """One problem under one error function: its runs, what is known of its least value, and its goal in words."""
 
     title: str
     error: str
     anchor: str
     runs: pd.DataFrame
     optimum: Optimum
+    goal: str
 
 
 def explored(
@@ -126,6 +127,7 @@ def explored(
                 "group": group_names.index(str(groups.iloc[by_panel.first[i]])),
                 "parameters": int(panel.runs["dimension"].iloc[0]),
                 "axis": panel.optimum.axis, "scale": panel.optimum.scale(drawn(i)),
+                "goal": panel.goal, "noisy": panel.optimum.noisy,
                 "floor": _short(panel.optimum.floor) if panel.optimum.floor else None,
             }
             for i, panel in enumerate(panels)

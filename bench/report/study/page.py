@@ -22,7 +22,7 @@ from calibench.bench.report.study import figures, html_tables
 from calibench.bench.report.study.additions import FilledSection
 from calibench.bench.report.study.answer import Answer, answer_of
 from calibench.bench.report.study.explored import Panel, as_json, explored, policy, read_static, scripts
-from calibench.bench.report.study.html_tables import count, lost_of, number
+from calibench.bench.report.study.html_tables import count, goal_text, lost_of, number
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, mixed_code
 from calibench.bench.statistics.fixed_target import Hits
@@ -82,7 +82,8 @@ class StudyPage:
             by_error = html_tables.by_error(group)
             label = figures.file_name(title)  # what the names of its figures end in
             anchor = f"problem-{label}"
-            mine = [Panel(title, error, anchor, some, optimum_of(some)) for error, some in by_error]
+            known = [(error, some, optimum_of(some)) for error, some in by_error]
+            mine = [Panel(title, error, anchor, some, it, goal_text(some, it)) for error, some, it in known]
             remarks = [
                 described.get(str(group["problem"].iloc[0]), ""), *self._visible(group),
                 *(panel.optimum.remark() for panel in mine),
@@ -117,6 +118,7 @@ class StudyPage:
                 runs, self.manifest.get("planned", {}), others, self.about,
                 answer_of(runs, self.traces, self.manifest, names, cells),
                 condition=not self.identifiability.empty, money=bool(priced(runs, costs).notna().any()),
+                goals=dict.fromkeys(panel.goal for panel in panels if panel.goal),
             ),
             contents=contents(panels, names, cells), links={**links, **self.beside},
             overview="Every method on every problem", problems=sections, opened=_OPENED,
@@ -168,7 +170,7 @@ class StudyPage:
 
 def headline(
     runs: pd.DataFrame, planned: Collection[str], in_other_shards: Collection[str], about: str, answer: Answer,
-    condition: bool = False, money: bool = False,
+    condition: bool = False, money: bool = False, goals: Collection[str] = (),
 ) -> dict[str, Any]:  # fmt: skip
     """Return the values of the head of the page: the counts, where the runs come from, and what was compared."""
     lost = lost_of(runs)
@@ -186,6 +188,7 @@ def headline(
         (str(problems), plural("problem", problems), ""),
         (str(methods), plural("optimiser", methods), ""),
         (str(len(cells)), plural("cell", len(cells)), ""),
+        *((goal, "is the goal", "") for goal in goals if len(goals) == 1),  # of several each table has its own
         *([(count(to_do), "planned, not done yet", "bad")] if to_do else []),
         *([(count(away), "of other shards, not here", "bad")] if away else []),
     ]

@@ -2,10 +2,17 @@
 const evaluations = () => `evaluations${state.each ? " / parameter" : ""}`;
 const quantity = () => data.quantities[state.quantity];
 
-function targetText(q, t) {
-  if (q.key === "goal") return "the goal of each problem";
+function targetText(q, t, problems = shown("problems")) {
+  if (q.key === "goal") {
+    const goals = goalsOf(problems);
+    return goals.length === 1 ? `the goal ${goals[0]}` : "the goal of each problem";
+  }
   if (q.key === "noise") return "the noise of the readings";
   return `${q.name} ≤ ${text(q.targets[t])}${q.unit ? ` ${q.unit}` : ""}`;
+}
+
+function goalsOf(problems) {
+  return [...new Set(problems.map((p) => data.problems[p].goal).filter(Boolean))];
 }
 
 // Those of `problems` on which all methods were run that are shown; all where there are none, and then each has its own.
@@ -98,6 +105,13 @@ function why(won, runs, low, high) {
   return won < runs ? " · wide: not all reached it" : " · wide: runs very unlike";
 }
 
+// An interval in words. A lower end of one evaluation is no bound, but of a target that is reached at once.
+function span95(low, high, ert, scale) {
+  const bounded = low > 1 || ert === 1;
+  if (high == null) return bounded ? `${text(low / scale)} – not bounded` : "not bounded";
+  return bounded ? `${text(low / scale)} – ${text(high / scale)}` : `at most ${text(high / scale)}`;
+}
+
 // The cost of the chosen target in a cell: {told, more, key, won}.
 function cost(c) {
   const q = quantity();
@@ -112,7 +126,7 @@ function cost(c) {
   if (!won) return { told: `> ${text(data.cells.spent[c] / scale)}`, more, key: 1e300 + data.cells.spent[c], won };
   const low = q.low && q.low[c][t];
   const high = q.high && q.high[c][t];
-  const range = low != null ? ` [${text(low / scale)} – ${high != null ? text(high / scale) : "not bounded"}]` : "";
+  const range = low != null ? ` [${span95(low, high, q.ert[c][t], scale)}]` : "";
   return { told: text(q.ert[c][t] / scale), range, more: more + (low != null ? why(won, runs, low, high) : ""), key: q.ert[c][t] / scale, won };
 }
 
@@ -121,12 +135,14 @@ const ROWS = 60;
 function costTable(problems, all, showAll) {
   const methods = shown("methods").filter((m) => problems.some((p) => cell(p, m) !== undefined));
   const some = all ? problems : problems.slice(0, ROWS);
+  const several = quantity().key === "goal" && goalsOf(problems).length > 1;
   const head = make("tr", {}, make("th", { scope: "col" }, "problem"),
     ...methods.map((m) => make("th", { scope: "col", class: "n" }, swatch(m), " ", parted(data.methods[m].name))));
   const rows = some.map((p) => {
     const costs = methods.map((m) => cost(cell(p, m)));
     const best = Math.min(...costs.map((one) => one.key));
-    return make("tr", {}, make("th", { scope: "row" }, parted(data.problems[p].title)), ...costs.map((one) => make("td", { class: "n", "data-sort": one.key },
+    const goal = several ? data.problems[p].goal : "";
+    return make("tr", {}, make("th", { scope: "row" }, parted(data.problems[p].title), goal ? make("small", { class: "under" }, goal) : null), ...costs.map((one) => make("td", { class: "n", "data-sort": one.key },
       make(one.won && one.key === best ? "b" : "span", { class: one.won ? null : "never" }, one.told), one.range ? make("small", {}, one.range) : null,
       one.more ? make("small", { class: "under" }, one.more) : null)));
   });
@@ -139,14 +155,17 @@ function costTable(problems, all, showAll) {
 
 // The same of one problem: a row a method.
 function problemTable(problem) {
-  const rows = shown("methods").map((m) => [m, cell(problem, m)]).filter(([, c]) => c !== undefined).map(([m, c]) => {
+  const methods = shown("methods").filter((m) => cell(problem, m) !== undefined);
+  if (!methods.some((m) => quantity().reached[cell(problem, m)])) return make("p", { class: "why" }, "This problem has no such target: choose another one under “What is shown”.");
+  const rows = methods.map((m) => {
+    const c = cell(problem, m);
     const one = cost(c);
     return make("tr", {}, make("th", { scope: "row" }, swatch(m), " ", parted(data.methods[m].name)),
       make("td", { class: "n", "data-sort": one.key }, make("span", { class: one.won ? null : "never" }, one.told), one.range ? make("small", {}, one.range) : null),
       make("td", { class: "n", "data-sort": one.won === undefined ? 1 : -one.won / data.cells.runs[c] }, ...(one.more || "–").split(" · ").map((part, i) => make(i ? "small" : "span", { class: i ? "under" : null }, part))));
   });
   const heads = ["method", `ERT [${evaluations()}]`, "reached, with 95 % interval"];
-  const table = make("table", { class: "methods" }, make("caption", {}, `To ${targetText(quantity(), state.target)}`),
+  const table = make("table", { class: "methods" }, make("caption", {}, `To ${targetText(quantity(), state.target, [problem])}`),
     make("thead", {}, make("tr", {}, ...heads.map((h, i) => make("th", { scope: "col", class: i ? "n" : null }, h)))), make("tbody", {}, ...rows));
   sortable(table);
   return make("div", { class: "scroll" }, table);

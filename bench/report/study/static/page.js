@@ -1,5 +1,7 @@
 // The page comes to life: what needs a script is put in its place, and what is closed is drawn when it is opened.
 
+const PROPOSED = "a hit stands where the answer was proposed, so a longer run may look slower";
+
 function suite(place) {
   const title = make("h2");
   const what = make("p", { class: "why" });
@@ -24,7 +26,8 @@ function suite(place) {
     const own = shown("methods").some((m) => over.some((p) => cell(p, m) === undefined));
     const which = own ? "; no problem was run by all methods that are shown, so each is over its own" : over.length < problems.length ? `; the curves are over the ${over.length} on which all methods were run that are shown` : "";
     const levels = q.share ? q : data.quantities.find((one) => one.share) ?? q;
-    what.textContent = `Every problem counts the same${which}. Targets of the curve: ${levels.name}${q.share && q.unit ? ` [${q.unit}]` : ""}.`;
+    const noisy = over.some((p) => data.problems[p].noisy) ? ` Where values are noisy, ${PROPOSED}.` : "";
+    what.textContent = `Every problem counts the same${which}. Targets of the curve: ${levels.name}${q.share && q.unit ? ` [${q.unit}]` : ""}.${noisy}`;
     draw();
     success.replaceChildren(methodTable(problems));
     if (data.problems.length > 1) table.replaceChildren(...costTable(problems, all, () => { all = true; told(); }));
@@ -39,10 +42,11 @@ function problemCharts(section, places) {
     if (!section.open) return;
     draws ??= places.map((place) => {
       const p = Number(place.dataset.problem);
+      const hits = data.problems[p].noisy ? `; values are noisy: ${PROPOSED}` : "";
       const parts = [
         ["Best value over evaluations: median, band from quartile to quartile", () => convergence(p)],
-        ["Runtime ECDF of this problem", () => ecdf([p], data.problems[p].title)],
-        ["Expected running time (ERT) to each target; dashed: the chosen one", () => expected(p)],
+        [`Runtime ECDF of this problem${hits}`, () => ecdf([p], data.problems[p].title)],
+        [`Expected running time (ERT) to each target; dashed: the chosen one${hits}`, () => expected(p)],
       ];
       const charts = parts.map(([caption, what]) => {
         const box = make("div", { class: "chart" });
