@@ -21,6 +21,12 @@ def test_the_page_names_which_methods_differ(three):
     assert "Of 3 pairs of methods 2 differ" in found.sentence
 
 
+def test_long_names_in_a_list_break_after_an_underscore_so_that_no_column_is_cut():
+    medians = np.column_stack([np.arange(20.0), np.arange(20.0), np.arange(20.0) + 99])
+    found = differing(friedman(Blocks(("one_long", "other", "worst"), medians)))
+    assert {row[0]: row for row in found.table.rows}["other"][5] == "one_<wbr>long"
+
+
 def test_the_p_values_of_the_page_are_those_of_scikit_posthocs(three):
     posthocs = pytest.importorskip("scikit_posthocs")
     rng = np.random.default_rng(5)

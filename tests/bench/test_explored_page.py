@@ -56,7 +56,7 @@ def panels_of(runs):
             mine,
             optimum_of(mine),
             goal_text(mine, optimum_of(mine)),
-        )  # fmt: skip
+        )
         for title, group in figures.panels_of(runs).items()
         for error, mine in by_error(group)
     ]
@@ -251,9 +251,10 @@ def test_who_reaches_the_goal_more_often_on_fewer_problems_is_told_beside_the_be
         missed = (lm["problem"] == "link_length") & (lm["repetition"] < 2)
         none = lm["hits"].map(lambda told: [None] * len(told))
         lm = lm.assign(
-            best_value=lm["best_value"].mask(missed, 1e9), hits=lm["hits"].where(~missed, none),
+            best_value=lm["best_value"].mask(missed, 1e9),
+            hits=lm["hits"].where(~missed, none),
             hits_charged=lm["hits_charged"].where(~missed, none),
-        )  # fmt: skip
+        )
         best = runs[(runs["optimizer"] == "lm") & (runs["problem"] == "link_length")]
         return pd.concat([lm, others, best.assign(optimizer="twin", run_id=best["run_id"] + "t")], ignore_index=True)
 

@@ -274,7 +274,8 @@ def differing(ranked: Ranked) -> Differing:
         which = []
         for same in (False, True):
             at = [other for j, other in enumerate(ranked.methods) if j != i and alike[i, j] == same]
-            which.append("all others" if len(at) == others > 1 else listed(at, _SHOWN) or "none")
+            told = "all others" if len(at) == others > 1 else listed(at, _SHOWN) or "none"
+            which.append(macros(CELLS).parted(told))
         against = number(ranked.nemenyi[0, i]) if i else "–"
         rows.append([name, f"{ranked.mean_ranks[i]:.2f}", number(ranked.against_best[i]), against, *which])
     return Differing(sentence, table(heads, rows))
