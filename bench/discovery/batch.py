@@ -33,7 +33,7 @@ from calibench.bench.verbs import DesignWords, DiscoverWords
 from calibench.bench.words import RequestError, check_study, keys_of, read, read_workers
 from calibench.core.kept import cache_root
 from calibench.core.notes import Code, Note
-from calibench.core.options import Option, coerce, declared_options, read_word, suggest
+from calibench.core.options import coerce, declared_options, read_word, suggest
 from calibench.core.process import meanwhile
 from calibench.core.seeds import digest
 from calibench.core.sources import module_digest
@@ -123,7 +123,8 @@ def _of_the_machine(given: DiscoverWords | DesignWords) -> tuple[dict[str, Any],
             raise RequestError(f"unknown argument {key!r}; {way_out}")
     if not machine:
         raise RequestError(f"machine= is missing: a machine; {suggest('', machines.names())}")
-    options = _read(given.options, machines.options(machine))
+    declared = machines.options(machine)
+    options = {k: read_word(v, declared[k].annotation if k in declared else Any) for k, v in given.options.items()}
     machines.check(machine, options)
     stated: dict[str, Any] = {key: read_word(text) for key, text in (given.of_data | given.stated).items()}
     stated |= {key: pairs_of(key, text) for key in ("columns", "units") if (text := getattr(given, key))}
@@ -140,11 +141,6 @@ def _of_the_machine(given: DiscoverWords | DesignWords) -> tuple[dict[str, Any],
         if rule == "names" and not isinstance(value, dict):
             raise RequestError(f"{key}={value}: a JSON object is needed, such as {example}")
     return stated, options
-
-
-def _read(typed: Mapping[str, str], declared: Mapping[str, Option]) -> dict[str, Any]:
-    """Return the values of options, each read as it is annotated."""
-    return {key: read_word(text, declared[key].annotation if key in declared else Any) for key, text in typed.items()}
 
 
 _MOST_CLASSES = 6  # that are tried for one that further readings split at all
@@ -213,7 +209,8 @@ def _data_of(given: DesignWords, machine: str, stated: Mapping[str, Any]) -> Mea
     for key in ("columns", "units"):
         if key in stated:
             raise RequestError(f"{key}=: goes with data=FILE, and plan={given.plan} has its own names")
-    chosen = {**{k: v for k, v in stated.items() if k in declared}, **_read(given.plan_options, declared)}
+    chosen = {k: v for k, v in stated.items() if k in declared}
+    chosen |= {k: read_word(v, declared[k].annotation if k in declared else Any) for k, v in given.plan_options.items()}
     for key in chosen:
         if key not in declared or key == "plan":
             raise RequestError(f"plan.{key}: {suggest(key, [k for k in declared if k != 'plan'])}")

@@ -260,7 +260,7 @@ def parameter_table(report: Report, units: Mapping[str, str], moved: bool) -> Ta
         by, far = _fixed(shift, p.sd, "+"), in_sd is not None and abs(in_sd) > 2
         rows.append([
             cell, _fixed(p.before, p.sd), _fixed(p.after, p.sd), error, macro.strong(by) if far else by,
-            "" if in_sd is None else _unsigned_zero(f"{in_sd:+.1f}"),
+            "" if in_sd is None else _fixed(in_sd, 1.0, "+"),
         ])  # fmt: skip
     heads: tuple[str, ...] = ("value", "standard error")
     if moved:
@@ -273,11 +273,8 @@ def _fixed(value: float, sd: float, sign: str = "") -> str:
     if not isfinite(value):
         return "–"
     places = next((k for k in range(9) if sd * 10**k >= 3), 9) if sd and isfinite(sd) else 6
-    return _unsigned_zero(f"{value:{sign}.{places}f}")
-
-
-def _unsigned_zero(number: str) -> str:
-    return number.lstrip("+-") if not number.strip("+-0.") else number
+    number = f"{value:{sign}.{places}f}"
+    return number.lstrip("+-") if not number.strip("+-0.") else number  # no sign before 0
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], kind: str, right: Sequence[str] = ()) -> Table:
