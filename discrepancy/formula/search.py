@@ -68,14 +68,8 @@ _NUMBERS = 4_000_000  # held at once
 _LONG = 20_000  # rows of a run, of more of which no shape with a memory is tried
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _Column:
-    """A column as the grammar sees it: atoms that enter products, and all that are tried in its place."""
-
-    name: str
-    atoms: tuple[Atom, ...]
-    every: tuple[Atom, ...]
+# a column as the grammar sees it: atoms that enter products, and all that are tried in its place
+_Column = tuple[tuple[Atom, ...], tuple[Atom, ...]]
 
 
 @final
@@ -297,20 +291,20 @@ class _Search:
         names += [name for one in self.formulation.covariates(at.recorded).values() for name in one]
         known = {*self.run.columns, *self.formulation.readings}
         names = [n for n in dict.fromkeys(names) if n in data and (n in known or data[n].dtype.kind in "iuf")]
-        for column in map(self._column, names):
-            if column is None:
+        for name in names:
+            if (column := self._column(name)) is None:
                 continue
             # no two columns that say the same: a temperature in two units, an angle and where it leads
-            u = self.run.read(column.name, self.q, self.data)
+            u = self.run.read(name, self.q, self.data)
             if not any(abs(np.corrcoef(u, v)[0, 1]) > _ALIKE for v in read.values()):
-                self.columns[column.name], read[column.name] = column, u
+                self.columns[name], read[name] = column, u
         # no sign of a velocity beside a direction that was recorded
         ways = [u for u in read.values() if len(np.unique(u)) <= 3]
-        for name, said in self.columns.items():
+        for name, (some, every) in self.columns.items():
             signs = np.sign(read[name])
             if np.ptp(signs) and any(abs(np.corrcoef(signs, way)[0, 1]) > _SAME_WAY for way in ways):
-                bare = (tuple(a for a in some if a.shape != "sign") for some in (said.atoms, said.every))
-                self.columns[name] = _Column(name, *bare)
+                bare, all_bare = (tuple(a for a in atoms if a.shape != "sign") for atoms in (some, every))
+                self.columns[name] = bare, all_bare
         # the quantities that may err, with the columns that are a part's own
         parts: dict[str, list[str]] = {}
         for joint in roles.joints:
@@ -327,9 +321,9 @@ class _Search:
         joints = {joint.reading for joint in roles.joints}
         self.outside = {s.column for s in self.formulation.sensors} - joints if joints else set()
         self.values: dict[Atom, Array] = {}
-        every = [a for c in self.columns.values() for a in c.every]
-        self.waves = [(a,) for a in every if a.shape == "wave"]
-        self.products, self.own = self._products([a for a in every if a.shape != "wave"])
+        tried = [a for _, every in self.columns.values() for a in every]
+        self.waves = [(a,) for a in tried if a.shape == "wave"]
+        self.products, self.own = self._products([a for a in tried if a.shape != "wave"])
         atoms = list(dict.fromkeys(a for product in self.products for a in product))
         place = {atom: k + 1 for k, atom in enumerate(atoms)}
         self.atoms = atoms
@@ -340,8 +334,8 @@ class _Search:
         self.by_row: tuple[ProjectedScores, Array | None, Array] | None = None
         self.pulls: dict[str, tuple[ProjectedScores, Array]] = {}
         self.lengths: dict[tuple[str, int, int], tuple[Array, Array]] = {}
-        single = len(every) * len(self.own)
-        pairs = sum(len(own) for own in self.own.values()) - (len(every) - len(self.waves)) * len(self.own)
+        single = len(tried) * len(self.own)
+        pairs = sum(len(own) for own in self.own.values()) - (len(tried) - len(self.waves)) * len(self.own)
         self.count = [max(1, single), max(1, pairs)]
 
     # what there is
@@ -376,10 +370,10 @@ class _Search:
             return [Atom(name, shape, float(k), origin, unit) for k in numbers]
 
         if levels == 2:
-            return _Column(name, tuple(of("u")), tuple(of("u")))
+            return tuple(of("u")), tuple(of("u"))
         if levels <= 4:
             signed = of("abs") + of("sign") if low < 0 < high else []
-            return _Column(name, (*of("u"), *of("square")), (*of("u"), *of("square"), *signed))
+            return (*of("u"), *of("square")), (*of("u"), *of("square"), *signed)
         memory = whole is not None and len(self.run.places) <= _LONG
         widths = _WIDTHS * span / 2
         operators = of("play", widths) + of("slip", widths) if memory else []
@@ -387,33 +381,33 @@ class _Search:
         rotary = any(j.reading == name and j.kind == "rotary" for j in roles.joints) or (unit == "rad" and span > 0.5)
         if name == roles.time:
             waves = of("wave", 2 * np.pi * np.arange(1.0, 12.1, 0.5) / span)
-            return _Column(name, (*of("u"), *of("exp", span * np.array([0.1, 0.4]))),
-                           (*of("u"), *of("square"), *of("exp", span * _SPANS), *waves))  # fmt: skip
+            every = (*of("u"), *of("square"), *of("exp", span * _SPANS), *waves)
+            return (*of("u"), *of("exp", span * np.array([0.1, 0.4]))), every
         if rotary:
             first = of("u") + of("sin", _HARMONICS) + of("cos", _HARMONICS)
             sensor = np.max(np.asarray(self.formulation.sigma.get(name, 0.0)))
             moved = of("side", (max(6 * float(sensor), 1e-6 * span),)) if memory else []
             waves = of("sin", _WAVES) + of("cos", _WAVES) + of("wave", _WAVES)
-            return _Column(name, tuple(first + moved), tuple(powers + waves + operators + moved))
+            return tuple(first + moved), tuple(powers + waves + operators + moved)
         if low < 0 < high:
             number = (*of("tanh", widths), *of("dead", widths), *of("fall", widths))
             plain = of("u") + of("abs") + of("sign") + of("signed square")
-            return _Column(name, (*plain, *of("square")), (*plain, *powers[1:], *of("root"), *number, *operators))
+            return (*plain, *of("square")), (*plain, *powers[1:], *of("root"), *number, *operators)
         delayed = []
         if memory and self.run.clock:
             delayed = of("lag", (float(np.ptp(self.run.columns[self.run.clock])) or 1.0) * _SPANS)
         waves = of("wave", 2 * np.pi * np.arange(1.0, 6.1, 0.5) / span) if name in inputs_of(self.formulation) else []
         saturated = of("tanh", widths)
-        return _Column(name, tuple(powers[:2]), (*powers, *of("root"), *saturated, *delayed, *operators, *waves))
+        return tuple(powers[:2]), (*powers, *of("root"), *saturated, *delayed, *operators, *waves)
 
     def _products(self, single: Sequence[Atom]) -> tuple[list[tuple[Atom, ...]], dict[str, Array]]:
         """Return the shapes of one size and the products of two, and which of them are tried for each part at once."""
         products: list[tuple[Atom, ...]] = [(atom,) for atom in single]
         own: dict[str, list[int]] = {name: list(range(len(products))) for name in self.parts if single or self.waves}
-        for one, other in combinations(self.columns.values(), 2):
-            pairs = [(a, b) for a in one.atoms for b in other.atoms]
+        for (one, (first, _)), (other, (second, _)) in combinations(self.columns.items(), 2):
+            pairs = [(a, b) for a in first for b in second]
             for name, places in own.items():
-                if len(self.columns) <= _MANY or {one.name, other.name} & {*self.parts[name]}:
+                if len(self.columns) <= _MANY or {one, other} & {*self.parts[name]}:
                     places += range(len(products), len(products) + len(pairs))
             products += pairs
         return products, {name: np.array(places, dtype=int) for name, places in own.items()}
@@ -621,7 +615,7 @@ class _Search:
 
     def _refined(self, on: ProjectedScores, term: Term, before: tuple[Term, ...]) -> list[_Found]:
         """Return the best terms over the same columns, whatever their shapes, their numbers refined."""
-        every = [self.columns[a.column].every for a in term.atoms]
+        every = [self.columns[a.column][1] for a in term.atoms]
         places: list[Term] = []
         if len(every) == 1:
             places = [Term(term.quantity, (a,)) for a in every[0]]
