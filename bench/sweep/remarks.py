@@ -15,7 +15,7 @@ import numpy as np
 from calibench.bench.execution.request import minimum_of
 from calibench.bench.statistics.cells import PROBLEM, by_cell
 from calibench.bench.statistics.summary import lowest_below
-from calibench.bench.store.columns import Columns, floats, plain
+from calibench.bench.store.columns import Columns, floats, plain, true
 from calibench.core.words import counted, listed
 
 ONE_RUN = "1 run: a deterministic method gives one answer from one start, whatever the seed"
@@ -91,7 +91,10 @@ def _false_minima(rows: Columns) -> Iterator[str]:
     if "minimum" not in rows:
         return
     cells = by_cell(rows, PROBLEM)
-    for cell, minimum in enumerate(floats(rows["minimum"])[cells.last].tolist()):
+    declared = floats(rows["minimum"])[cells.last]
+    inside = np.where(true(rows["inside_box"]), floats(rows["best_value"]), np.nan)
+    for cell in np.flatnonzero(cells.over(np.fmin, inside) < declared).tolist():
+        minimum = float(declared[cell])
         below = lowest_below(rows, minimum, cells.rows(cell))
         if below is not None:
             problem = rows["problem"][int(cells.first[cell])]
