@@ -10,8 +10,10 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 
 from calibench import bench, optimizers, problems
+from calibench.bench.report.shared.page import macros
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics.fixed_target import ert
 from calibench.bench.statistics.targets import levels_of
@@ -156,14 +158,18 @@ def test_an_interval_that_begins_at_one_evaluation_has_no_lower_end(browser, sto
     assert "9 [at most 99]" in Opened(browser, other).page.locator("table.costs").text_content()
 
 
-@pytest.mark.parametrize("sheet", ["papers", "calibration", "discovery/page", "report/study"])
+@pytest.mark.parametrize("sheet", ["papers", "calibration", "discovery/page", "report/study", "history"])
 def test_a_wide_drawing_scrolls_by_itself_on_a_phone(browser, sheet):
     context = browser.new_context(viewport={"width": 400, "height": 900})
     page = context.new_page()
     folder = files("calibench.bench")
     sheets = [folder / "report/shared/templates/page.css", *(folder / sheet / "templates").glob("*.css")]
     style = "".join(one.read_text(encoding="utf-8") for one in sheets)
-    page.set_content(f"<style>{style}</style><figure class=broad><svg width=950pt height=90pt></svg></figure>")
+    drawing = Markup("<svg width=950pt height=90pt></svg>")
+    content = f"<style>{style}</style><figure class=broad>{drawing}</figure>"
+    if sheet == "history":
+        content = macros("tracking/templates/history.html.j2").page([("t", "s", drawing)])
+    page.set_content(content)
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
     assert page.evaluate("document.querySelector('svg').getBoundingClientRect().width") > 500
     context.close()
