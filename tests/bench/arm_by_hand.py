@@ -43,7 +43,9 @@ def _across(axis):
 
 
 def about(axis, angle):
+    """Return the turns about `axis` by angles of any shape."""
     across, twice = _across(tuple(axis))
+    angle = np.asarray(angle)[..., None, None]
     return _ONE + np.sin(angle) * across + (1 - np.cos(angle)) * twice
 
 
@@ -51,14 +53,15 @@ _TILTS = [about((1, 0, 0), TRUTH.get(f"rx_{name}", 0.0)) for name in NAMES]
 
 
 def placed(q, truth=TRUTH, base=BASE, target=TARGET):
-    """Return where the target is, (3,) [mm], and how it is turned, (3, 3), at joints q (6,) [rad]."""
+    """Return where the target is, (..., 3) [mm], and how it is turned, (..., 3, 3), at joints q (..., 6) [rad]."""
     at, turn = np.array(base[0], dtype=float), about((0, 0, 1), base[1])
+    q = np.asarray(q)
     for k, name in enumerate(NAMES):
         shift = 1000 * np.array(PLACES[k], dtype=float)
         shift += [truth.get(f"{axis}_{name}", 0.0) for axis in "xyz"]
         at = at + turn @ shift
         turn = turn @ about((1, 0, 0), truth.get(f"rx_{name}", 0.0))
-        turn = turn @ about(AXES[k], q[k] + truth.get(f"zero_{name}", 0.0))
+        turn = turn @ about(AXES[k], q[..., k] + truth.get(f"zero_{name}", 0.0))
     return at + turn @ target, turn
 
 
@@ -66,8 +69,8 @@ def measured(n, noise=0.03, seed=5, truth=TRUTH, reach=2.4):
     """Return joints (n, 6) [rad], positions (n, 3) [mm] with noise, and rotations (n, 3, 3)."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(-reach, reach, (n, 6))
-    told = [placed(row, truth) for row in q]
-    return q, np.array([at for at, _ in told]) + rng.normal(0, noise, (n, 3)), np.array([turn for _, turn in told])
+    at, turn = placed(q, truth)
+    return q, at + rng.normal(0, noise, (n, 3)), turn
 
 
 def table(q, seen, heads=("x", "y", "z"), names=NAMES):

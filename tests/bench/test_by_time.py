@@ -27,9 +27,9 @@ def a_bag(n=40, seed=3, hertz=20):
     q = stops[k] * (1 - part) + stops[np.minimum(k + 1, n - 1)] * part + rng.normal(0, 1e-5, (len(t), 6))
     seen = np.arange(0.013, 2 * n - 1, 1 / 13)
     joints = np.array([np.interp(seen, t, column) for column in q.T]).T
-    there = [placed(row) for row in joints]
-    places = np.array([place for place, _ in there]) + rng.normal(0, 0.03, (len(seen), 3))
-    turns = Rotation.from_matrix(np.array([turn for _, turn in there])).as_quat()
+    there, turned = placed(joints)
+    places = there + rng.normal(0, 0.03, (len(seen), 3))
+    turns = Rotation.from_matrix(turned).as_quat()
     return t, q, seen, np.column_stack([places / 1000, turns])
 
 

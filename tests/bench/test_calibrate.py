@@ -79,7 +79,7 @@ def test_the_calibrated_urdf_is_the_old_file_with_other_origins(here, calibrate)
     assert len(differ) == len(changed)
     chain = read_urdf(found["files"]["urdf"]).chain()
     flange = forward(chain, nominal(chain), q[:20])
-    truth = [placed(row, target=np.zeros(3))[0] for row in q[:20]]
+    truth = placed(q[:20], target=np.zeros(3))[0]
     between = [np.linalg.norm(a - b) for a, b in pairwise(truth)]
     ours = np.linalg.norm(np.diff(flange[:, :3, 3], axis=0), axis=1)
     np.testing.assert_allclose(ours, between, atol=0.25)  # the tool's length along its axis is the target's to tell
@@ -408,7 +408,7 @@ def test_what_no_arm_can_have_read_is_one_line_that_says_what_to_do(here, calibr
     if said == "the same for joints that turn little":
         rng = np.random.default_rng(2)
         q = rng.uniform(-0.2, 0.2, (40, 6))
-        seen = np.array([placed(row)[0] for row in q])
+        seen = placed(q)[0]
         (here / "my.csv").write_text(table(np.rad2deg(q), seen))
         assert "units=" in calibrate("data=my.csv", "limits=false", code=2)
         return

@@ -82,13 +82,13 @@ def test_a_scale_is_used_as_the_note_says_and_without_it_the_urdf_is_off_by_what
 def test_poses_of_a_small_range_say_how_far_they_carry(calibrate):
     rng = np.random.default_rng(3)
     q = rng.uniform(-1, 1, (30, 6)) * [0.2, 0.6, 0.6, 0.2, 0.6, 0.25]
-    seen = np.array([placed(row)[0] for row in q]) + rng.normal(0, 0.03, (30, 3))
+    seen = placed(q)[0] + rng.normal(0, 0.03, (30, 3))
     found = calibrate(table(q, seen), "level=geometry")
     note = note_of(found, "valid where the poses are")
     inside, outside = number(note, "foretold to "), number(note, "joints to ")
     far = rng.uniform(-2.6, 2.6, (500, 6))
-    off = of_its_urdf(found, far) - np.array([placed(row)[0] for row in far])
-    near = of_its_urdf(found, q) - np.array([placed(row)[0] for row in q])
+    off = of_its_urdf(found, far) - placed(far)[0]
+    near = of_its_urdf(found, q) - placed(q)[0]
     assert 0.4 < rms(near) / inside < 2.5
     assert 0.3 < rms(off) / outside < 3.0
     assert "joint_1" in note.split("; ")[1]
@@ -124,7 +124,7 @@ def test_numbers_that_other_poses_would_tell_stand_apart_from_those_that_look_li
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(3)
     q = rng.uniform(-1, 1, (25, 6)) * 0.15
-    seen = np.array([placed(row)[0] for row in q]) + rng.normal(0, 0.03, (25, 3))
+    seen = placed(q)[0] + rng.normal(0, 0.03, (25, 3))
     (tmp_path / "my.urdf").write_text(urdf())
     (tmp_path / "my.csv").write_text(table(q, seen))
     with pytest.raises(SystemExit):

@@ -24,7 +24,7 @@ def turned(q, seen):
 def shifted(degrees):
     def spoil(q, seen):
         q = q * [1, 1, 1, 0.4, 1, 1]  # inside its limits, shifted or not
-        seen = np.array([placed(row)[0] for row in q])
+        seen = placed(q)[0]
         return q - np.deg2rad(degrees) * np.eye(6)[3], seen
 
     return spoil

@@ -59,7 +59,7 @@ def test_the_answer_says_what_changed_what_is_held_and_writes_the_arm(answer, tm
     assert all(one.reason for one in answer.held)
     path = answer.write_urdf(tmp_path / "true.urdf")
     q = measured(20, seed=8)[0]
-    again = calibench.calibrate(path, np.column_stack([q, [placed(row)[0] for row in q]]), names=[*NAMES, *"xyz"])
+    again = calibench.calibrate(path, np.column_stack([q, placed(q)[0]]), names=[*NAMES, *"xyz"])
     assert again.error_before < 0.06
 
 

@@ -24,18 +24,19 @@ def heavy_urdf():
 
 
 def energy(q, payload):
-    """Return the potential energy [J] of links and of a payload at the target, base level."""
+    """Return the potential energy (...) [J] of links and of a payload at the target, base level, at joints (..., 6)."""
     at, turn, height = np.zeros(3), np.eye(3), 0.0
     for k in range(6):
         at = at + turn @ PLACES[k]
-        turn = turn @ about(AXES[k], q[k])
-        height += MASSES[k] * (at + turn @ CENTRES[k])[2]
-    return 9.81 * (height + payload * (at + turn @ (TARGET / 1000))[2])
+        turn = turn @ about(AXES[k], q[..., k])
+        height += MASSES[k] * (at + turn @ CENTRES[k])[..., 2]
+    return 9.81 * (height + payload * (at + turn @ (TARGET / 1000))[..., 2])
 
 
 def held(q, payload=0.0, step=1e-5):
-    """Return what gravity asks of each joint, (6,) [N m]: the slope of the energy."""
-    return np.array([energy(q + s, payload) - energy(q - s, payload) for s in step * np.eye(6)]) / (2 * step)
+    """Return what gravity asks of each joint, (..., 6) [N m]: the slope of the energy."""
+    ways = step * np.eye(6)
+    return np.stack([energy(q + s, payload) - energy(q - s, payload) for s in ways], axis=-1) / (2 * step)
 
 
 @pytest.fixture
@@ -47,7 +48,7 @@ def arm(tmp_path):
 def read(n=60, seed=2):
     rng = np.random.default_rng(seed)
     q, payload = rng.uniform(-2.4, 2.4, (n, 6)), np.where(np.arange(n) % 2, 0.0, 5.0)
-    seen = np.array([placed(row - KAPPA * held(row, m))[0] for row, m in zip(q, payload, strict=True)])
+    seen = placed(q - KAPPA * held(q, payload))[0]
     seen += rng.normal(0, 0.03, seen.shape)
     return dict(zip(NAMES, q.T, strict=True)) | dict(zip("xyz", seen.T, strict=True)) | {"payload_kg": payload}
 
@@ -55,7 +56,7 @@ def read(n=60, seed=2):
 def test_the_torque_is_the_slope_of_the_potential_energy(arm):
     q = np.random.default_rng(1).uniform(-2, 2, (5, 6))
     found = torques(read_urdf(arm).chain(tip="link_6"), q, TARGET, np.full(5, 3.0), {}, "URDF")
-    assert np.allclose(found, [held(row, 3.0) for row in q], atol=1e-4)
+    assert np.allclose(found, held(q, 3.0), atol=1e-4)
 
 
 def test_compliances_are_found_beside_lengths_and_zeros_and_stand_beside_the_urdf(arm):

@@ -5,7 +5,6 @@ import re
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 import calibench
 from calibench.bench.cli import main
@@ -42,7 +41,7 @@ def noise(n, seed=8, size=0.03):
 
 
 def seen(q, base=None):
-    return np.array([(placed(row) if base is None else placed(row, base=base))[0] for row in q])
+    return (placed(q) if base is None else placed(q, base=base))[0]
 
 
 def distances(q, places=WIRES):
@@ -55,16 +54,19 @@ def distances(q, places=WIRES):
 
 def touching(n, plane, seed=4, truth=TRUTH):
     """Return joints (n, 6), read to .01 mrad, at which the true target lies in a plane of the base."""
-    rng, found, (normal, height) = np.random.default_rng(seed), [], plane
-    while len(found) < n:
-        q = rng.uniform(-2.4, 2.4, 6)
+    rng, (normal, height) = np.random.default_rng(seed), plane
+    q = rng.uniform(-2.4, 2.4, (10 * n, 6))
 
-        def off(elbow, q=q):
-            return float(placed([*q[:2], elbow, *q[3:]], truth, base=FROM_BASE)[0] @ normal - height)
+    def off(elbow):
+        q[:, 2] = elbow
+        return placed(q, truth, base=FROM_BASE)[0] @ normal - height
 
-        if off(-2.4) * off(2.4) < 0:
-            found.append([*q[:2], brentq(off, -2.4, 2.4), *q[3:]])
-    return np.array(found) + rng.normal(0, 1e-5, (n, 6))
+    there, aside, behind = off(0), off(np.pi / 2), off(np.pi)  # over the elbow's angle: a mean and a wave
+    mean, along, across = (there + behind) / 2, (there - behind) / 2, aside - (there + behind) / 2
+    way = rng.choice([-1, 1], 10 * n) * np.arccos(np.clip(-mean / np.hypot(along, across), -1, 1))
+    q[:, 2] = np.angle(np.exp(1j * (np.arctan2(across, along) + way)))
+    q = q[(np.abs(q[:, 2]) < 2.4) & (np.abs(off(q[:, 2])) < 1e-6)][:n]
+    return q + rng.normal(0, 1e-5, (n, 6))
 
 
 @pytest.mark.parametrize(("axes", "nearer"), [("xz", 0.1), ("yz", 0.1), ("z", 0.2)])

@@ -8,7 +8,7 @@ from calibench.calibration.determined import order_of
 from calibench.calibration.fit import fit_arm
 from calibench.calibration.moved import motion_from, motion_of_wild
 from calibench.core.notes import DataError
-from tests.bench.arm_by_hand import NAMES, TARGET, placed, urdf
+from tests.bench.arm_by_hand import NAMES, placed, urdf
 from tests.calibration.test_normal import measured
 
 
@@ -28,9 +28,9 @@ def moving(n, rows, seed, **motion):
     rng = np.random.default_rng(seed)
     q = rng.uniform(-2.4, 2.4, (n, 6))
     jump = np.where(rows[:, None], motion.get("joint", np.zeros(6)), 0.0)
-    targets = np.where(rows[:, None], TARGET + motion.get("target", 0.0), TARGET)
-    at = [placed(row, target=target)[0] for row, target in zip(q + jump, targets, strict=True)]
-    return q, np.array(at) + rng.normal(0, 0.03, (n, 3))
+    shifts = np.where(rows[:, None], motion.get("target", np.zeros(3)), 0.0)
+    at, turns = placed(q + jump)
+    return q, at + np.einsum("nij,nj->ni", turns, shifts) + rng.normal(0, 0.03, (n, 3))
 
 
 @pytest.mark.parametrize("n", [60, 9000])

@@ -30,7 +30,7 @@ def rig(n, drift=0.0, reflectors=REFLECTORS, feet=FEET, seed=1, noise=0.03, trut
 
     columns = dict(zip(NAMES, q.T, strict=True))
     for k, seat in enumerate(reflectors, start=1):
-        seen = read(np.array([placed(row, truth, target=seat)[0] for row in q]))
+        seen = read(placed(q, truth, target=seat)[0])
         columns |= dict(zip((f"x_{k}", f"y_{k}", f"z_{k}"), seen.T, strict=True))
     for k, foot in enumerate(feet, start=1):
         seen = read(np.tile(foot, (n, 1)))
@@ -54,7 +54,7 @@ def error(calibration, folder, truth=TRUTH):
     """Return how far the flange of the written arm is from the true one, rms [mm] of fresh poses."""
     chain = read_urdf(calibration.write_urdf(folder / "out.urdf")).chain(tip="link_6")
     q = np.random.default_rng(99).uniform(-2.4, 2.4, (300, 6))
-    seen, there = np.array([placed(row, truth)[0] for row in q]), forward(chain, nominal(chain), q)
+    seen, there = placed(q, truth)[0], forward(chain, nominal(chain), q)
     frames = frames_of_positions(there, seen, 1.0)
     return float(np.sqrt(((seen - (frames.base @ there @ frames.tool)[:, :3, 3]) ** 2).sum(axis=1).mean()))
 

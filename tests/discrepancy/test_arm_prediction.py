@@ -36,7 +36,7 @@ def played(arm):
     q, seen, _ = measured(110)
     came = np.sign(np.diff(q, axis=0, prepend=q[:1]))
     stood = q - PLAY / 2 * came * [0, 1, 0, 0, 0, 0]
-    seen = seen + np.array([placed(a)[0] - placed(b)[0] for a, b in zip(stood, q, strict=True)])
+    seen = seen + placed(stood)[0] - placed(q)[0]
     return q, seen, came, discrepancy.explain(arm, MeasuredData(columns(q[:80], seen[:80]), "arm"))
 
 
@@ -85,7 +85,7 @@ def test_temperatures_count_from_those_that_were_fitted(arm):
     q, seen, _ = measured(90)
     warm = np.linspace(20.0, 30.0, 90)
     moved = q + np.outer(warm - 25, [0, WARM, 0, 0, 0, 0])
-    seen = seen + np.array([placed(a)[0] - placed(b)[0] for a, b in zip(moved, q, strict=True)])
+    seen = seen + placed(moved)[0] - placed(q)[0]
     order = np.random.default_rng(0).permutation(90)
     q, seen, warm = q[order], seen[order], warm[order]
     report = discrepancy.explain(arm, MeasuredData(columns(q, seen) | {"temperature_C": warm}, "arm"))
@@ -124,7 +124,7 @@ def test_a_number_that_the_poses_hardly_tell_keeps_its_nominal_value(arm):
     rng = np.random.default_rng(0)
     q = rng.uniform(-2.4, 2.4, (240, 6))
     q[:40, 4] = 0.3 + rng.uniform(-0.02, 0.02, 40)
-    seen = np.array([placed(row)[0] for row in q]) + rng.normal(0, 0.3, (240, 3))
+    seen = placed(q)[0] + rng.normal(0, 0.3, (240, 3))
     told = columns(q, seen) | {"split": np.repeat(["train", "hold"], [40, 200])}
     formulation = arm.formulate(MeasuredData(told, "arm"))
     assert any("no better than to 2 mm" in note.text for note in formulation.data.notes)

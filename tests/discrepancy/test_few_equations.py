@@ -19,7 +19,7 @@ def played(count, **metadata):
     q, seen, _ = measured(count)
     came = np.sign(np.diff(q, axis=0, prepend=q[:1]))
     stood = q - 2e-3 * came * [0, 1, 0, 0, 0, 0]
-    seen = seen + np.array([placed(a)[0] - placed(b)[0] for a, b in zip(stood, q, strict=True)])
+    seen = seen + placed(stood)[0] - placed(q)[0]
     columns = dict(zip(NAMES, q.T, strict=True)) | dict(zip("xyz", seen.T, strict=True))
     return MeasuredData(columns, "arm", metadata)
 

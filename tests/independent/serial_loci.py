@@ -34,7 +34,7 @@ def columns_of(kind: str, truth: dict[str, float], seed: int) -> dict[str, np.nd
         names = np.repeat([*planes], COUNT // len(planes) + 1)
         return dict(zip(NAMES, q.T, strict=True)) | {"plane": names}
     q = rng.uniform(-2.4, 2.4, (COUNT, 6))
-    seen = np.array([placed(row, truth, base=FROM_BASE)[0] for row in q])
+    seen = placed(q, truth, base=FROM_BASE)[0]
     joints = dict(zip(NAMES, q.T, strict=True))
     if "distance" in kind:
         some = [*WIRES.items()][: int(kind[0])]

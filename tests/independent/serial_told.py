@@ -50,7 +50,7 @@ def two_targets(seed: int, drift: float = 0.0) -> Columns:
 def distances(seed: int) -> Columns:
     """Return distances from three points."""
     q, rng, truth = joints(seed), np.random.default_rng([seed, 47]), truth_of(seed)
-    seen = np.array([placed(row, truth, base=FROM_BASE)[0] for row in q])
+    seen = placed(q, truth, base=FROM_BASE)[0]
     far = {f"distance_{name}": np.linalg.norm(seen - at, axis=1) for name, at in WIRES.items()}
     return dict(zip(NAMES, q.T, strict=True)) | {n: one + rng.normal(0, NOISE, len(q)) for n, one in far.items()}
 
@@ -66,7 +66,7 @@ def bending(seed: int) -> Columns:
     """Return poses of an arm whose joints bend under its masses and a payload."""
     q, rng, truth = joints(seed), np.random.default_rng([seed, 48]), truth_of(seed)
     payload = np.where(np.arange(COUNT) % 2, 0.0, 5.0)
-    seen = np.array([placed(row - KAPPA * held(row, m), truth)[0] for row, m in zip(q, payload, strict=True)])
+    seen = placed(q - KAPPA * held(q, payload), truth)[0]
     seen += rng.normal(0, NOISE, seen.shape)
     return dict(zip(NAMES, q.T, strict=True)) | dict(zip("xyz", seen.T, strict=True)) | {"payload_kg": payload}
 
