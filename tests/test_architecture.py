@@ -19,6 +19,7 @@ from calibench.bench.cli import main
 from calibench.bench.measured import read_measured, shipped_path, write_measured
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import carry_out, costs
+from tests.bench.conftest import empty_drawings
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = (ROOT / "docs" / "architecture.md").read_text()
@@ -78,10 +79,12 @@ def test_a_candidate_passes_its_ten_stations_and_is_a_row(here: Path) -> None:
     assert len(ResultStore(here / "results" / "adhoc").runs()) == 1
 
 
+@pytest.mark.usefixtures("at_one_noise")
 def test_a_measured_file_passes_its_ten_stations_and_has_a_page(here: Path) -> None:
     words, stations = walk("One measured file, from CSV to the page of its verdict")
     write_measured(read_measured(shipped_path("demo_backlash", "gpm2002"), "gpm2002"), here / "run.csv")
-    assert passed(stations, lambda: bench(words)) == stations
+    with empty_drawings():
+        assert passed(stations, lambda: bench(words)) == stations
     assert (here / "results" / "discover" / "run" / "report.html").exists()
 
 

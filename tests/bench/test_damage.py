@@ -271,6 +271,7 @@ DAMAGES = {
     "errors of another": (exchanged("parameter_error_mm"), None),
     "the same values, written anew": (lambda rows, points: (rows, points), None),
 }
+FEW = ("evaluations=3000", "problem_options='[1]'", "a trace halved", "times of another")
 
 
 def spoil(folder, change):
@@ -287,17 +288,24 @@ def test_what_no_run_can_have_is_refused_with_its_file_and_row_and_column(every_
     change, column = DAMAGES[damage]
     shutil.copytree(every_kind.folder, tmp_path / "study")
     spoil(tmp_path / "study", change)
-    store = ResultStore(tmp_path / "study")
-    for read in (store.runs, store.traces, store.finished, store.survey, store.collect):
-        with pytest.raises(StoreError) as refused:
-            read()
-        said = str(refused.value)
-        assert "\n" not in said
-        assert len(said) < 1000
-        assert ("runs.parquet: " in said) or ("traces.parquet: " in said)
-        assert "left alone" in said
-        assert "was changed after bench wrote it" in said if column is None else "row" in said, said
-        assert not column or column in said or "run_id" in said, said
+    with pytest.raises(StoreError) as refused:
+        ResultStore(tmp_path / "study").runs()
+    said = str(refused.value)
+    assert "\n" not in said
+    assert len(said) < 1000
+    assert ("runs.parquet: " in said) or ("traces.parquet: " in said)
+    assert "left alone" in said
+    assert "was changed after bench wrote it" in said if column is None else "row" in said, said
+    assert not column or column in said or "run_id" in said, said
+
+
+@pytest.mark.parametrize("read", ["traces", "finished", "survey", "collect"])
+@pytest.mark.parametrize("damage", FEW)
+def test_whatever_reads_a_damaged_table_refuses_it(every_kind, tmp_path, read, damage):
+    shutil.copytree(every_kind.folder, tmp_path / "study")
+    spoil(tmp_path / "study", DAMAGES[damage][0])
+    with pytest.raises(StoreError, match="left alone"):
+        getattr(ResultStore(tmp_path / "study"), read)()
 
 
 def test_most_damages_are_named_by_row_and_column():
@@ -313,7 +321,7 @@ def test_most_damages_are_named_by_row_and_column():
         "run problem=sensor_zero optimizer=de budget=50 seeds=1 study=study results=.",
     ],
 )  # fmt: skip
-@pytest.mark.parametrize("damage", ["evaluations=3000", "problem_options='[1]'", "a trace halved", "times of another"])
+@pytest.mark.parametrize("damage", FEW)
 def test_every_verb_refuses_a_damaged_table_in_one_line(every_kind, run_bench, tmp_path, words, damage):
     shutil.copytree(every_kind.folder, "study")
     run_id = every_kind.runs()["run_id"].iloc[0]

@@ -223,14 +223,16 @@ def test_what_a_run_sets_holds_to_its_end_and_reaches_no_other(made: list[tuple[
 def test_rows_are_the_same_in_any_order_and_with_any_number_of_workers(
     made: list[tuple[Spec, Run, list[str]]], workers: int, tmp_path: Path
 ) -> None:
+    some = made[:140]
+    assert {what for *_, changes in some for what in changes} == {what for *_, changes in made for what in changes}
     store = ResultStore(tmp_path / "pool")
     store.open()
-    jobs = [Job(run.run_id, spec, spec.problem) for spec, run, _ in made]
+    jobs = [Job(run.run_id, spec, spec.problem) for spec, run, _ in some]
     random.Random(workers).shuffle(jobs)
     list(Processes(store.folder, "pool", workers).carry(Packs(deque(jobs), workers)))
     here = ResultStore(tmp_path / "here")
     here.open()
-    for _, run, _ in made:
+    for _, run, _ in some:
         here.write(run)
     first, second = (rows(one).sort_values("run_id").reset_index(drop=True) for one in (here, store))
     pd.testing.assert_frame_equal(first, second)

@@ -10,6 +10,7 @@ import pytest
 from calibench.bench.gate.processes import CAN_FORK
 from calibench.bench.report.shared.kept import RECORD, Kept, code, state_of
 from calibench.bench.report.study import write
+from tests.bench.conftest import empty_drawings
 
 _SWEEP = "run -m problem=sensor_zero,link_length optimizer=lm seeds=2 budget=60 start=random study=s results=."
 
@@ -20,10 +21,18 @@ def study(run_bench, tmp_path, one_process):
     return tmp_path / "s"
 
 
+@pytest.fixture
+def blank():
+    """Let drawings be empty: which are written, and when, is asked here."""
+    with empty_drawings():
+        yield
+
+
 def _times(folder):
     return {path.name: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
 
 
+@pytest.mark.usefixtures("blank")
 def test_nothing_new_is_said_again_and_nothing_is_written(run_bench, study, monkeypatch):
     first = run_bench("report s")
     before = _times(study)
@@ -42,6 +51,7 @@ def test_nothing_new_is_said_again_and_nothing_is_written(run_bench, study, monk
     assert {name: (study / name).read_bytes() for name in whole} == whole
 
 
+@pytest.mark.usefixtures("blank")
 def test_a_run_more_draws_the_figures_of_its_problem_alone(run_bench, study):
     run_bench("report s")
     page, before = (study / "report.html").read_text(), _times(study / "figures")

@@ -52,7 +52,7 @@ def swept(run_bench, fresh):
     return call
 
 
-@pytest.mark.parametrize("rounds", [6, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("rounds", [3, pytest.param(100, marks=pytest.mark.slow)])
 def test_processes_begun_at_once_in_one_new_folder_lose_no_run(rounds):
     """Shards and whole sweeps, some killed, clocks that differ; counted is what must not be."""
     most = ["--most", "4"] if rounds < 10 else []

@@ -16,6 +16,8 @@ from calibench import bench, optimizers
 from calibench.discrepancy import DataError, MeasuredData, Report, explain
 from tests.few import few
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 def _told(blind: Case) -> Report:
     return explain("gpm2002", MeasuredData(blind.columns, "gpm2002", blind.metadata, "case"))

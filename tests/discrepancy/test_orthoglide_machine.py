@@ -14,6 +14,8 @@ from calibench.discrepancy.machines.orthoglide.kinematics import printed
 from calibench.discrepancy.model.machine import complex_step_slopes
 from calibench.problems.orthoglide.plans import SetName, covariance, paper_plan
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 _ANGLES = ("tilt", "gauge_roll", "gauge_pitch")
 
 

@@ -36,6 +36,8 @@ from calibench.discrepancy.search.finding import amplitude_of
 from calibench.problems.base import Parameter
 from tests.processes import alive, descendants, wait_for
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 SPRING = """
 import numpy as np
 
