@@ -32,9 +32,9 @@ def cache(own_cache, monkeypatch):
     return own_cache
 
 
-@pytest.fixture
-def results(tmp_path):
-    folder = tmp_path / "results"
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("made")
     study(folder / "one", day=1)
     study(folder / "deeper" / "two", "link_length", "de", day=8)
     arm = folder / "calibrate" / "arm7"
@@ -42,6 +42,11 @@ def results(tmp_path):
     found = {"schema_version": 1, "case": "arm7", "urdf": "six.urdf", "chosen": "zeros", "before": 3.0, "after": 0.5}
     (arm / "calibration.json").write_text(json.dumps(found))
     return folder
+
+
+@pytest.fixture
+def results(made, tmp_path):
+    return Path(shutil.copytree(made, tmp_path / "results"))
 
 
 def names(results, *words):
@@ -155,10 +160,10 @@ def test_two_lists_at_once_say_the_same(results, cache):
     for k in range(30):
         study(results / f"many_{k}", day=k)
     words = [sys.executable, "-m", "calibench", "studies", str(results), "--json"]
-    asked = [subprocess.Popen(words, stdout=subprocess.PIPE) for _ in range(3)]
+    asked = [subprocess.Popen(words, stdout=subprocess.PIPE) for _ in range(2)]
     told = [one.communicate(timeout=120)[0] for one in asked]
-    assert [one.returncode for one in asked] == [0, 0, 0]
-    assert told[0] == told[1] == told[2]
+    assert [one.returncode for one in asked] == [0, 0]
+    assert told[0] == told[1]
     assert len(json.loads(told[0])) == 33
 
 
