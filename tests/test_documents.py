@@ -88,6 +88,7 @@ def test_the_python_of_the_documents_runs(block, here, capsys):
 
 @pytest.fixture(scope="module")
 def undrawn():
+    gc.collect()  # a program of another page ends when its pipe closes, which children forked here would hold open
     with empty_drawings():
         yield
 
@@ -97,7 +98,6 @@ def undrawn():
 def test_the_commands_of_the_documents_are_given(block, here, small_study, capsys):
     from calibench import problems
 
-    gc.collect()  # a program of another page ends when its pipe closes, which children forked here would hold open
     readings = problems.make("full11").readings
     (here / "readings.csv").write_text("\n".join(",".join(map(str, row)) for row in readings.tolist()))
     (here / "mine.yaml").write_text("budget: 60\nseeds: 2\nsweeps:\n  - [problem=sensor_zero, optimizer=de]\n")

@@ -76,26 +76,21 @@ def test_compiling_is_told_where_a_kernel_is_compiled_and_not_where_it_is_loaded
     """In a process of its own, with a cache that is empty at first, as numba keeps what it loaded."""
     code = (
         "from calibench.core.compilation.compiled import heard, njit\n"
-        "from tests.bench.test_kernels_at_once import kernel_of\n"
+        "from one import kernel\n"
         "told = []\n"
         "with heard(lambda: told.append(1)):\n"
-        "    kernel_of(njit)(2.0)\n"
+        "    njit()(kernel)(2.0)\n"
         "print(len(told))\n"
     )
     with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "one.py").write_text("def kernel(x):\n    return x + 1.0\n")
+        there = os.environ | {"XDG_CACHE_HOME": folder, "PYTHONPATH": str(Path(__file__).parents[2])}
         told = [
-            subprocess.run([sys.executable, "-c", code], env=os.environ | {"XDG_CACHE_HOME": folder}, check=True,
-                           capture_output=True, text=True, cwd=Path(__file__).parents[2]).stdout.strip()
+            subprocess.run([sys.executable, "-c", code], env=there, check=True, capture_output=True, text=True,
+                           cwd=folder).stdout.strip()
             for _ in range(2)
         ]  # fmt: skip
     assert told == ["1", "0"]
-
-
-def kernel_of(njit):
-    def kernel(x):
-        return x + 1.0
-
-    return njit()(kernel)
 
 
 def test_where_it_may_not_fork_it_compiles_here(book):

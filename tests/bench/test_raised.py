@@ -66,9 +66,7 @@ def check_end(name, error, call):
     assert method.traits.may_hang or problem.calls == call  # in a process of its own
 
 
-QUICK = (
-    (ValueError, 1), (KeyboardInterrupt, 1), (SystemExit, 2), (KeyboardInterrupt, 7), (ValueError, 7), (Mine, 30),
-)  # fmt: skip
+QUICK = ((ValueError, 1), (SystemExit, 2), (KeyboardInterrupt, 7), (Mine, 30))
 
 
 @pytest.mark.parametrize("name", optimizers.names())

@@ -205,7 +205,7 @@ def test_the_fixed_tenth_holds_its_bars(tmp_path: Path) -> None:
     assert 0.93 <= np.mean(covered) <= 0.97
 
 
-@pytest.mark.parametrize("n", [10, 11, 12, 14])
+@pytest.mark.parametrize("n", [10, 12])
 def test_a_dozen_poses_are_calibrated_and_the_error_told_is_no_smaller_than_the_true_one(n, tmp_path: Path) -> None:
     (tmp_path / "my.urdf").write_text(urdf())
     far = {f"{kind}_{name}": 8e-3 if kind == "zero" else 1.0 for name in NAMES for kind in ("x", "y", "z", "zero")}

@@ -98,30 +98,35 @@ print(*(kernel_folder(Path(module.__file__).resolve()) for module in (one, other
 """
 
 
-@pytest.fixture
-def copied(tmp_path):
+@pytest.fixture(scope="module")
+def copied(tmp_path_factory):
     """Return a folder with a copy of the packages that have kernels, as an installation has them."""
-    home = tmp_path / "src" / "calibench"
+    home = tmp_path_factory.mktemp("copied") / "src" / "calibench"
     for package in ("core", "calibration", "problems", "optimizers"):
         shutil.copytree(ROOT / package, home / package, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "calibench" / "__init__.py", home / "__init__.py")
     return home
 
 
-def kernel_folders(source, root):
+def kernel_folders(source):
     """Return where kernels of the random numbers and of the GPM2002 are kept by the sources of a copy."""
-    lines = python(KERNELS, source.parent, PYTHONPATH=str(source.parent), XDG_CACHE_HOME=str(root))
+    home = source.parent
+    lines = python(KERNELS, home, PYTHONPATH=str(home), XDG_CACHE_HOME=str(home / "cache"))
     return [Path(line) for line in lines]
 
 
-def test_the_folder_of_kernels_is_named_by_what_their_sources_mean(copied, tmp_path):
-    before = kernel_folders(copied, tmp_path / "cache")
-    assert {folder.parent for folder in before} == {tmp_path / "cache" / "calibench" / "kernels"}
+@pytest.fixture(scope="module")
+def before(copied):
+    return kernel_folders(copied)
+
+
+def test_the_folder_of_kernels_is_named_by_what_their_sources_mean(copied, before):
+    assert {folder.parent for folder in before} == {copied.parent / "cache" / "calibench" / "kernels"}
     assert re.fullmatch(r"_random_kernels-[0-9a-f]{12}", before[0].name)
     with (copied / "core" / "compilation" / "compiled.py").open("a") as file:
         file.write("# another line\n")
     (copied / "optimizers" / "own" / "new_one.py").write_text("x = 1\n")
-    assert kernel_folders(copied, tmp_path / "cache") == before
+    assert kernel_folders(copied) == before
 
 
 @pytest.mark.parametrize(
@@ -137,11 +142,11 @@ def test_the_folder_of_kernels_is_named_by_what_their_sources_mean(copied, tmp_p
         ],
     ),
 )
-def test_an_edit_moves_the_kernels_that_lead_to_it_and_no_others(copied, tmp_path, edited, moves):
-    before = kernel_folders(copied, tmp_path)
-    with (copied / edited).open("a") as file:
-        file.write("another = 1\n")
-    assert [one != other for one, other in zip(kernel_folders(copied, tmp_path), before, strict=True)] == moves
+def test_an_edit_moves_the_kernels_that_lead_to_it_and_no_others(copied, before, edited, moves):
+    text = (copied / edited).read_text()
+    (copied / edited).write_text(text + "another = 1\n")
+    assert [one != other for one, other in zip(kernel_folders(copied), before, strict=True)] == moves
+    (copied / edited).write_text(text)
 
 
 def test_a_home_that_cannot_be_written_costs_the_cache_and_nothing_else(copied, tmp_path):
