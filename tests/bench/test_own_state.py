@@ -118,8 +118,12 @@ class Sets(Base):
         return {"still_set": float(ACTS[self.what][1]())}
 
 class Witness(Base):
+    found = None  # what is set as the search begins: to look takes longer than the search
+
     def __call__(self, x):
-        return super().__call__(x) + sum(is_set() for _, is_set in ACTS.values())
+        if self.found is None:
+            self.found = sum(is_set() for _, is_set in ACTS.values())
+        return super().__call__(x) + self.found
 
     def merit(self, x):
         return {"drawn": random.random() + np.random.rand()}
@@ -223,16 +227,14 @@ def test_what_a_run_sets_holds_to_its_end_and_reaches_no_other(made: list[tuple[
 def test_rows_are_the_same_in_any_order_and_with_any_number_of_workers(
     made: list[tuple[Spec, Run, list[str]]], workers: int, tmp_path: Path
 ) -> None:
-    some = made[:140]
-    assert {what for *_, changes in some for what in changes} == {what for *_, changes in made for what in changes}
     store = ResultStore(tmp_path / "pool")
     store.open()
-    jobs = [Job(run.run_id, spec, spec.problem) for spec, run, _ in some]
+    jobs = [Job(run.run_id, spec, spec.problem) for spec, run, _ in made]
     random.Random(workers).shuffle(jobs)
     list(Processes(store.folder, "pool", workers).carry(Packs(deque(jobs), workers)))
     here = ResultStore(tmp_path / "here")
     here.open()
-    for _, run, _ in some:
+    for _, run, _ in made:
         here.write(run)
     first, second = (rows(one).sort_values("run_id").reset_index(drop=True) for one in (here, store))
     pd.testing.assert_frame_equal(first, second)
