@@ -45,6 +45,7 @@ def blocks(language):
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     monkeypatch.setattr(costs, "CAN_FORK", False)  # a child that measures loads each kernel anew
+    monkeypatch.setattr(costs, "_MEASURING", 1e-3)  # what a dry run takes is no matter here
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     page = (ROOT / "docs" / "own-problem.md").read_text()
