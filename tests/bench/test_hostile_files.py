@@ -23,7 +23,6 @@ from calibench.discrepancy import DataError
 
 DEEP = "[" * 100_000 + "]" * 100_000
 MANY = 40_000_000  # numbers
-EMPTY = pa.nulls(MANY, pa.float64())  # written in a moment, and as large as others when read
 MEMORY = 300_000_000  # bytes above what is there before: no file below may take as much
 
 
@@ -116,7 +115,7 @@ HOSTILE = {
         "has 100000 characters",
     ),
     "list.in.parquet": (
-        lambda path: table(path, {"enc_1": pa.ListArray.from_arrays([0, MANY], EMPTY)}, use_dictionary=False),
+        lambda path: table(path, {"enc_1": pa.ListArray.from_arrays([0, MANY], np.zeros(MANY))}, use_dictionary=False),
         "it holds list",
     ),
     "many.parquet": (lambda path: table(path, {"enc_1": np.zeros(60_000_000, np.int8)}), "60000000 rows of 1 columns"),
