@@ -15,7 +15,7 @@ from hashlib import blake2b
 from typing import Any, TypeVar, cast, final
 
 import numpy as np
-from scipy.linalg import cho_solve, lstsq, qr
+from scipy.linalg import cho_solve, lstsq
 from scipy.special import stdtrit
 
 from calibench.core.notes import Code, Note
@@ -36,6 +36,7 @@ _DIGITS = 1e-13  # of the numbers in a constraint: a model that is this near mee
 _WIDTH = 50.0  # standard deviations to either side of the fit that the box of a coefficient reaches at least
 _SUMMED = 500  # rows from which on steps are by sums
 _ALIKE = 1e-4  # part of a column that those before it leave at least, for steps by sums
+_DEPENDENT = 1e-11  # least over largest size of a triangle, below which columns depend on each other
 _CALM = 1e-5  # damping below which a step is one of Gauss and Newton
 _KEPT = 20_000  # numbers of a Jacobian up to which a fit is kept with its arrays
 
@@ -227,7 +228,10 @@ def reading_order(data: MeasuredData) -> Array:
 
 
 def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
-    """Return the Gauss-Newton step by orthogonal decomposition, columns scaled, damped as Levenberg's where asked."""
+    """Return the Gauss-Newton step by orthogonal decomposition, columns scaled, damped as Levenberg's where asked.
+
+    Columns that depend on each other share what they explain: of all such steps it is the shortest.
+    """
     root = np.sqrt(noise.weights(r))
     if len(r) >= _SUMMED and (step := step_by_sums(r, J, root, damping)) is not None:
         return step
@@ -241,12 +245,7 @@ def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
     A = A / size
     if damping:
         A, b = np.vstack([A, np.sqrt(damping) * np.eye(A.shape[1])]), np.concatenate([b, np.zeros(A.shape[1])])
-    Q, R, order = qr(A, mode="economic", pivoting=True, check_finite=False)
-    diagonal = np.abs(np.diag(R))
-    rank = int(np.sum(diagonal > 1e-11 * np.max(diagonal, initial=0.0)))
-    step = np.zeros(A.shape[1])
-    if rank:
-        step[order[:rank]] = lstsq(R[:rank, :rank], (Q.T @ b)[:rank], check_finite=False)[0]
+    step = lstsq(A, b, cond=_DEPENDENT, lapack_driver="gelsy", check_finite=False)[0]
     return np.asarray(step / size)
 
 

@@ -9,7 +9,7 @@ from benchmarks.blind.gpm2002.simulate import case
 from calibench.discrepancy import MeasuredData, Model, machines
 from calibench.discrepancy.diagnostics.score import columns, projected_scores
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.fitting.fit import Fit, fit, linearise, readings_of
+from calibench.discrepancy.fitting.fit import Fit, _step, fit, linearise, readings_of
 from calibench.discrepancy.noise.whiten import Noise
 from tests.discrepancy.empty_runs import empty_run
 
@@ -83,3 +83,15 @@ def test_weights_of_heavy_tails_settle_without_new_slopes(monkeypatch: pytest.Mo
     looks.clear()
     assert fit(model, Noise(), start).converged
     assert heavy <= len(looks) + 1
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+@pytest.mark.parametrize("rows", [4, 60])
+def test_a_step_shares_what_columns_that_depend_on_each_other_explain(rows: int, damping: float) -> None:
+    rng = np.random.default_rng(7)
+    J, r = rng.standard_normal((rows, 6)) * [1e-3, 1, 1, 1, 1e4, 1], rng.standard_normal(rows)
+    J[:, 5] = 2 * J[:, 1]
+    size = np.linalg.norm(J, axis=0)
+    A = np.vstack([J / size, np.sqrt(damping) * np.eye(6)])
+    best = np.linalg.lstsq(A, np.concatenate([-r, np.zeros(6)]), rcond=1e-10)[0]
+    np.testing.assert_allclose(size * _step(r, J, Noise(), damping), best, rtol=1e-7, atol=1e-9)
