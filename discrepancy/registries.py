@@ -68,7 +68,7 @@ def families(machine: str) -> tuple[EffectFamily, ...]:
 def own_families(machine: str) -> tuple[EffectFamily, ...]:
     """Return the families entered for one machine, by name, those of other packages among them."""
     load_shipped()
-    known = (effects.make(name) for name in effects.names())
+    known = (entered() for entered in effects.factories().values())
     return tuple(family for family in known if family.machine == machine)
 
 

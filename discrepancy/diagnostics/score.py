@@ -7,7 +7,7 @@ depends neither on the stated noise nor on the number of readings. The smallest 
 noise drawn in the same design. Of very many readings the same numbers come from sums of products (`Sums`).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import final
@@ -32,13 +32,12 @@ _NUMBERS = 4_000_000  # held at once
 @final
 @dataclass(frozen=True, eq=False)
 class Subspace:
-    """The visible part of columns D (N, k): orthonormal U (N, m), and `back` (k, m) with D back ~ U + calibration.
+    """The visible part of columns D (N, k): `back` (k, m), with which D back is orthonormal beside calibration.
 
     `visible` is the part of a unit column that is left, in the direction that is seen best; `size` (k,) the length of
     each column, and `left` (k,) the part of that length that calibration leaves.
     """
 
-    U: Array
     back: Array
     visible: float
     size: Array
@@ -50,7 +49,7 @@ class Subspace:
 class Scored:
     """A candidate with its statistic T of rank m, its F test's p, linear coefficients, and its visible part `seen`.
 
-    `seen` comes without rows; `scale` is the factor from its columns to units of sigma.
+    `scale` is the factor from its columns to units of sigma.
     """
 
     effect: Effect
@@ -121,7 +120,7 @@ class ProjectedScores:
 
     def gain(self, T: float, m: int) -> float:
         """Return what a candidate of rank m that explains T brings in twice the log-likelihood."""
-        return float(self.gains(np.asarray(T), np.asarray(m)))
+        return float(self.gains(np.asarray(T), np.asarray(m))) if self.profiled else T
 
     def gains(self, T: Array, m: Array) -> Array:
         """Return the same of several candidates."""
@@ -209,17 +208,17 @@ def lengths_apart(white: Whitener, slopes: Mapping[str, Array], changes: Mapping
     return np.asarray(np.where(lengths > 0, lengths, 1.0))
 
 
-def subspaces(on: ProjectedScores, D: Array, least: float | None = None) -> list[Subspace]:
-    """Return the parts of K candidates' columns, shape (K, N, k), of which at least `least` is visible."""
-    least = thresholds().visible if least is None else least
-    return [seen for seen, _ in _seen(on, D.transpose(1, 0, 2), least, bases=True)]
+def subspaces(on: ProjectedScores, D: Array, least: float | None = None) -> list[tuple[Subspace, Array]]:
+    """Return the parts of K candidates' columns, (K, N, k), of which at least `least` is visible, and bases (N, m)."""
+    parts, _, W = _seen(on, D.transpose(1, 0, 2), thresholds().visible if least is None else least, bases=True)
+    return [(seen, W[:, j, : seen.back.shape[1]]) for j, seen in enumerate(parts)]
 
 
-def _seen(on: ProjectedScores, D: Array, least: float, bases: bool) -> Iterator[tuple[Subspace, Array]]:
-    """Yield for each of K candidates, columns D (N, K, k), the part that is visible, and the scores along it, (2, m).
+def _seen(on: ProjectedScores, D: Array, least: float, bases: bool) -> tuple[list[Subspace], Array, Array]:
+    """Return the visible parts of K candidates, columns D (N, K, k), the scores along them, and bases (N, K, k).
 
-    The second are those of the `tested` scores. All columns are projected at once, by one product of matrices. A basis
-    has no rows unless `bases` are asked for.
+    The second, (K, 2, k), are the scores and the `tested` scores. All columns are projected at once, by one product of
+    matrices. A basis has no rows unless `bases` are asked for.
     """
     N, K, k = D.shape
     size = np.sqrt(np.einsum("nkj,nkj->kj", D, D))
@@ -235,18 +234,23 @@ def _seen(on: ProjectedScores, D: Array, least: float, bases: bool) -> Iterator[
         each = np.ascontiguousarray(left.reshape(N, K, k).transpose(1, 0, 2))
         gram = each.transpose(0, 2, 1) @ each
         lengths = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
-        squares, vectors = np.linalg.eigh(gram)
-        s, V = np.sqrt(np.maximum(squares[:, ::-1], 0.0)), vectors[:, :, ::-1]
+        s, V = _roots(gram)
         W = (each @ V / np.where(s > 0, s, 1.0)[:, None, :] if bases else each[:, :0]).transpose(1, 0, 2)
-    many, shown = s > least, V / np.where(s > 0, s, 1.0)[:, None, :]
-    whole = many.all(axis=1)
-    back, z = shown / size[:, :, None], along @ shown
-    for j in range(K):
-        if whole[j]:
-            yield Subspace(W[:, j], back[j], float(s[j, 0]), size[j], lengths[j]), z[j]
-        else:
-            kept = many[j]
-            yield Subspace(W[:, j, kept], back[j][:, kept], float(s[j, 0]), size[j], lengths[j]), z[j][:, kept]
+    parts, shown = _visible(s, V, size, lengths, least)
+    return parts, along @ shown, W
+
+
+def _roots(gram: Array) -> tuple[Array, Array]:
+    """Return the singular values of columns, (K, k), the largest first, and their directions, by Gram matrices."""
+    squares, vectors = np.linalg.eigh(gram)
+    return np.sqrt(np.maximum(squares[:, ::-1], 0.0)), vectors[:, :, ::-1]
+
+
+def _visible(s: Array, V: Array, size: Array, left: Array, least: float) -> tuple[list[Subspace], Array]:
+    """Return the parts whose singular values are above `least`, and what makes them of unit columns, (K, k, k)."""
+    shown = V / np.where(s > least, s, np.inf)[:, None, :]
+    ranks, back = (s > least).sum(axis=1).tolist(), shown / size[:, :, None]
+    return [Subspace(back[j, :, :m], float(s[j, 0]), size[j], left[j]) for j, m in enumerate(ranks)], shown
 
 
 def score_all(
@@ -282,7 +286,7 @@ def score_all(
                 for name, moved in more:
                     raw[:, :, j] += at.slopes[name][:, :, None] * moved[:, None, :]
             D = at.whiten(at.model.formulation.decorrelate(raw))
-            tested = _scored(fit, on, [effects[place] for place in some], [*_seen(on, D, least, bases)])
+            tested = _scored(fit, on, [effects[place] for place in some], *_seen(on, D, least, bases))
             for place, one in zip(some, tested):
                 found[place] = one
     return found
@@ -298,30 +302,23 @@ def _by_sums(fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: fl
         size = np.where(size > 0, size, 1.0)
         absorbed, b = across[:, :-2] / size[:, None], across[:, -2:] / size[:, None]
         left = square / size[:, None] / size[:, :, None] - absorbed.transpose(0, 2, 1) @ absorbed
-        squares, vectors = np.linalg.eigh(left)
-        s, V = np.sqrt(np.maximum(squares[:, ::-1], 0.0)), vectors[:, :, ::-1]
         lengths = np.sqrt(np.maximum(np.diagonal(left, axis1=1, axis2=2), 0.0))
-        parts = []
-        for j, kept in enumerate(s > least):
-            shown = V[j][:, kept] / s[j, kept]
-            rowless = np.empty((0, shown.shape[1]))
-            seen = Subspace(rowless, shown / size[j, :, None], float(s[j, 0]), size[j], lengths[j])
-            parts.append((seen, b[j] @ shown))
-        for place, one in zip(places, _scored(fit, on, [effects[place] for place in places], parts)):
+        parts, shown = _visible(*_roots(left), size, lengths, least)
+        tested = _scored(fit, on, [effects[place] for place in places], parts, b @ shown, np.empty((0, *size.shape)))
+        for place, one in zip(places, tested):
             found[place] = one
     return found
 
 
 def _scored(
-    fit: Fit, on: ProjectedScores, effects: Sequence[Effect], parts: Sequence[tuple[Subspace, Array]]
+    fit: Fit, on: ProjectedScores, effects: Sequence[Effect], parts: Sequence[Subspace], along: Array, W: Array
 ) -> list[tuple[Scored, Array]]:
-    found, scale = [], fit.noise.gain
-    squares = np.array([(z**2).sum(axis=1) for _, z in parts])
-    p = on.test(squares[:, 1], [z.shape[1] for _, z in parts])
-    for effect, (seen, z), (T, _), own_p in zip(effects, parts, squares.tolist(), p.tolist()):
-        c, U = -seen.back @ z[0] / scale, seen.U  # a step of Gauss and Newton: what takes the residual away
-        rowless = replace(seen, U=U[:0].copy()) if len(U) else seen
-        found.append((Scored(effect, T, z.shape[1], own_p, c, rowless, scale), U))
+    found, scale, squares = [], fit.noise.gain, (along**2).sum(axis=2)
+    p = on.test(squares[:, 1], [seen.back.shape[1] for seen in parts])
+    for j, (effect, seen, T, own_p) in enumerate(zip(effects, parts, squares[:, 0].tolist(), p.tolist())):
+        m = seen.back.shape[1]
+        c = -seen.back @ along[j, 0, :m] / scale  # a step of Gauss and Newton: what takes the residual away
+        found.append((Scored(effect, T if m else 0.0, m, own_p, c, seen, scale), W[:, j, :m]))
     return found
 
 

@@ -89,8 +89,9 @@ def penalty(effect: Effect, rank: int, residuals: int) -> float:
 def best_of_each(scored: Sequence[score.Scored], on: score.ProjectedScores) -> tuple[score.Scored, ...]:
     """Return the best form or place of every name, the largest gain first."""
     best: dict[str, tuple[float, score.Scored]] = {}
-    for s in scored:
-        gain, name = delta_bic(s, on), s.name
+    gains = on.gains(np.array([s.T for s in scored]), np.array([s.m for s in scored]))
+    for s, gain in zip(scored, gains.tolist()):
+        gain, name = gain - penalty(s.effect, s.m, len(on.y)), s.name
         if name not in best or gain > best[name][0]:
             best[name] = gain, s
     return tuple(s for _, s in sorted(best.values(), key=lambda one: -one[0]))

@@ -185,8 +185,8 @@ def _by_own_scatter(
         return p
     ranked, found = sorted(scored, key=lambda s: s.p)[:_ASKED], 1.0
     for s in ranked:
-        [seen] = score.subspaces(on, score.columns(at, s.effect)[None])
-        found = min(found, p * max(s.p, score.p_by_own_scatter(on, seen.U)) / ranked[0].p)
+        [(_, U)] = score.subspaces(on, score.columns(at, s.effect)[None])
+        found = min(found, p * max(s.p, score.p_by_own_scatter(on, U)) / ranked[0].p)
         if found < most:
             return p
     return found
@@ -253,7 +253,7 @@ def _settled(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept
         new = still_open(candidates, {name_of(e) for e in others})
         scored = [(s, U) for s, U in score.score_all(at, on, [*two, *new], bases=True) if s.m]
         first = {s.name: (s, U) for s, U in reversed(scored[:2])}
-        now = _together(list(first.values()), on)
+        now = float(_together(list(first.values()), on)[0, -1])
         pair, gain = _best_pair(scored[2:], on)
         if gain > now + least:
             other, least = [*others, *(s.effect for s, _ in pair)], gain - now
@@ -311,22 +311,33 @@ def _best_pair(
 ) -> tuple[tuple[tuple[score.Scored, Array], ...], float]:
     """Return the pair of the best single names that explains most together, and its linear gain."""
     ranked = select.best_of_each([s for s, _ in scored], on)[: thresholds().pair_names]
+    if len(ranked) < 2:
+        return (), -np.inf
     seen = [next(one for one in scored if one[0] is s) for s in ranked]
-    pairs = ((both, _together(both, on)) for both in combinations(seen, 2))
-    return max(pairs, key=lambda tried: tried[1], default=((), -np.inf))
+    first, second = np.triu_indices(len(seen), 1)
+    gains = _together(seen, on)[first, second]
+    k = int(np.argmax(gains))
+    return (seen[first[k]], seen[second[k]]), float(gains[k])
 
 
-def _together(pair: Sequence[tuple[score.Scored, Array]], on: score.ProjectedScores) -> float:
-    """Return the linear gain of two candidates together, so that what both explain counts once."""
-    (one, U), *rest = pair
-    T, rank, paid = one.T, one.m, penalty(one.effect, one.m, len(on.y))
-    for other, V in rest:
-        z, cross = V.T @ on.y - V.T @ U @ (U.T @ on.y), V.T @ U
-        own, vectors = np.linalg.eigh(np.eye(V.shape[1]) - cross @ cross.T)
-        kept = own > _SAME
-        T, rank = T + float(np.sum((vectors.T @ z)[kept] ** 2 / own[kept])), rank + int(kept.sum())
-        paid += penalty(other.effect, other.m, len(on.y))
-    return on.gain(T, rank) - paid
+def _together(seen: Sequence[tuple[score.Scored, Array]], on: score.ProjectedScores) -> Array:
+    """Return the linear gain of each two of K candidates, (K, K), so that what both explain counts once."""
+    T, rank = np.array([s.T for s, _ in seen]), np.array([s.m for s, _ in seen])
+    wide = np.zeros((len(on.y), len(seen), max(rank)))  # bases of fewer columns have zeros beside them
+    for k, (s, U) in enumerate(seen):
+        wide[:, k, : s.m] = U
+    flat = wide.reshape(len(wide), -1)
+    crosses = (flat.T @ flat).reshape(len(seen), -1, len(seen), wide.shape[2]).transpose(0, 2, 3, 1)
+    along = (on.y @ flat).reshape(len(seen), -1)
+    own, vectors = np.linalg.eigh(np.eye(wide.shape[2]) - crosses @ crosses.transpose(0, 1, 3, 2))
+    z = along[None, :, None] - (crosses @ along[:, None, :, None]).swapaxes(2, 3)
+    kept = own > _SAME
+    more = np.where(kept, (z @ vectors)[:, :, 0] ** 2 / np.where(kept, own, 1.0), 0.0).sum(axis=2)
+    ranks = rank[:, None] + kept.sum(axis=2) - (wide.shape[2] - rank)
+    paid = np.array([penalty(s.effect, s.m, len(on.y)) for s, _ in seen])
+    apart = 1 - np.eye(len(seen))
+    gains = on.gains(T[:, None] + apart * more, np.where(apart, ranks, rank))
+    return np.asarray(gains - paid[:, None] - apart * paid)
 
 
 def predicts_better(current: Fit, found: Option) -> bool:
@@ -611,7 +622,7 @@ def _with_smooth_terms(base: Fit, terms: Sequence[SmoothTerm], most: int) -> Fit
         best = tests.smooth[0].effect
         if not isinstance(best, SmoothTerm) or len(best.quantities) > 1:
             break
-        [seen] = score.subspaces(tests.on, score.columns(current, best)[None], thresholds().smooth_visible)
+        [(seen, _)] = score.subspaces(tests.on, score.columns(current, best)[None], thresholds().smooth_visible)
         [(scored, _)] = score.score_all(current, tests.on, [replace(best, mix=seen.back)])
         trial = select.option(current, scored, tests.on)
         if not (trial.gain > 0 and trial.fit.converged):

@@ -71,22 +71,26 @@ def test_the_gain_of_a_profiled_noise_is_the_same_in_any_unit_of_it() -> None:
     assert Noise(2.0).gained(before, after, 180) == 100.0
 
 
-def test_the_linear_gain_of_a_pair_is_that_of_both_columns_together() -> None:
+def test_the_linear_gain_of_a_pair_is_that_of_all_their_columns_together() -> None:
     rng = np.random.default_rng(0)
-    A = rng.standard_normal((80, 2)) @ [[1.0, 0.9], [0.0, 0.4]]
-    y = A @ [3.0, -2.0] + rng.standard_normal(80)
-    on = ProjectedScores(y, np.zeros((80, 0)))
+    A = rng.standard_normal((80, 4)) @ (np.eye(4) + 0.4)
+    y = A @ [3.0, -2.0, 1.0, 1.0] + rng.standard_normal(80)
+    on, parts = ProjectedScores(y, np.zeros((80, 0))), [A[:, :1], A[:, 1:3], A[:, 2:]]  # the last two share a column
 
     class _One:
         positions = 1
 
-    def scored(column: np.ndarray) -> tuple[Scored, np.ndarray]:
-        U = (column / np.linalg.norm(column))[:, None]
-        seen = Subspace(U, np.ones((1, 1)), 1.0, np.ones(1), np.ones(1))
-        return Scored(_One(), float(np.sum((U.T @ y) ** 2)), 1, 1.0, np.zeros(1), seen, 1.0), U  # type: ignore[arg-type]
+    def scored(columns: np.ndarray) -> tuple[Scored, np.ndarray]:
+        U, k = np.linalg.qr(columns)[0], columns.shape[1]
+        seen = Subspace(np.eye(k), 1.0, np.ones(k), np.ones(k))
+        return Scored(_One(), float(np.sum((U.T @ y) ** 2)), k, 1.0, np.zeros(k), seen, 1.0), U  # type: ignore[arg-type]
 
-    explained = float(y @ A @ np.linalg.lstsq(A, y, rcond=None)[0])
-    assert _together([scored(A[:, 0]), scored(A[:, 1])], on) == pytest.approx(explained - 2 * np.log(80))
+    gains = _together([scored(columns) for columns in parts], on)
+    for i, one in enumerate(parts):
+        for j, other in enumerate(parts):
+            both = one if i == j else np.column_stack([one, other])
+            explained = float(y @ both @ np.linalg.lstsq(both, y, rcond=None)[0])
+            assert gains[i, j] == pytest.approx(explained - both.shape[1] * np.log(80))
 
 
 @pytest.mark.slow

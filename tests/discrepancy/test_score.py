@@ -45,8 +45,8 @@ def test_twelve_rows_are_enough_for_an_exact_level_without_knowing_the_noise() -
     for _ in range(3000):
         y = 7.3 * rng.standard_normal(12)  # its scale is nobody's business
         on = ProjectedScores(y - Q @ (Q.T @ y), Q)
-        [seen] = subspaces(on, D[:1])
-        z = seen.U.T @ on.y
+        [(_, U)] = subspaces(on, D[:1])
+        z = U.T @ on.y
         hits += on.test(float(z @ z), len(z)) < 0.05
     assert 0.038 < hits / 3000 < 0.062
 
@@ -56,7 +56,7 @@ def test_the_smallest_p_of_many_alike_tests_is_charged_less_than_their_count() -
     Q, D = _design(rng, 200, 5)
     alike = np.concatenate([D[:1] + 0.1 * D[1:11], D[11:16]])
     on = ProjectedScores(np.zeros(200), Q)
-    bases = [seen.U for seen in subspaces(on, alike)]
+    bases = [U for _, U in subspaces(on, alike)]
     law = smallest_p_law(on, bases, rng)
     p = 0.005
     assert p < family_wise(p, law, len(bases)) < 0.8 * p * len(bases)
@@ -114,7 +114,7 @@ def test_the_smallest_p_holds_its_level() -> None:
     rng = np.random.default_rng(3)
     Q, D = _design(rng, 60, 5)
     on = ProjectedScores(np.zeros(60), Q)
-    bases = [seen.U for seen in subspaces(on, D)]
+    bases = [U for _, U in subspaces(on, D)]
     law = smallest_p_law(on, bases, rng)
     hits = 0
     for _ in range(1000):
