@@ -14,14 +14,13 @@ from functools import partial
 from typing import final
 
 import numpy as np
-from scipy.optimize import minimize
 
 from calibench.discrepancy.diagnostics.score import columns, score_all, signatures
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, curve
 from calibench.discrepancy.fitting.fit import Fit, once, orthonormal, project_off
 from calibench.discrepancy.labels import quantity_label
 from calibench.discrepancy.model import effect as effects
-from calibench.discrepancy.model.effect import Effect, Moment, is_possible, name_of
+from calibench.discrepancy.model.effect import Effect, Moment, name_of
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of, words_of
@@ -39,8 +38,10 @@ _HALVINGS = 16
 _WIDTHS = 1e-3, 10.0  # of a prior, between which it is halved
 # sizes tried, times the fitted one: an error of the form may have moved the fitted size far off
 _SIZES = (0.03, 0.1, 0.3, 1.0, 3.0)
-_STEPS = 100
-_NEAR = 0.01  # tolerance of a maximum, in twice the log-likelihood
+# grids that close in on a maximum: how many, how much each is smaller, its steps of directions and of sizes
+_CLOSER, _CLOSES_IN = 10, 0.5
+_AROUND = np.arange(8) * np.pi / 8
+_TURNS, _GRID = (-1.0, -0.5, 0.5, 1.0), np.linspace(-1.2, 1.2, 9)
 _LENGTHS = (0.4, 0.8)  # part of an argument's range over which a random form keeps its size
 _OFF = (0.3, 0.6, 1.0)  # parts of `form_off`: the sizes of a random form
 _KNOTS = 48  # of a random curve
@@ -588,42 +589,51 @@ def _correlation(one: Array, other: Array, length: float) -> Array:
 
 
 def _least(y: Array, D: Array, T: Array, effect: Effect, c: Array, off: Sequence[float], count: int = 0) -> float:
-    """Return the minimum of minus twice the log-likelihood of y over possible sizes of the effect."""
+    """Return the minimum of minus twice the log-likelihood of y over possible sizes of the effect.
+
+    All sizes along one direction share a decomposition; grids of directions and sizes close in on the best of both.
+    """
     N, m, k = T.shape
     flat = T.reshape(N, m * k)
     TT, Ty, TD = (flat.T @ flat).reshape(m, k, m, k), (flat.T @ y).reshape(m, k), (flat.T @ D).reshape(m, k, k)
     TTs, TDs = TT.transpose(1, 3, 0, 2).reshape(k * k, m * m), TD.transpose(1, 2, 0).reshape(k * k, m)
-    yy, Dy, DD, unit = float(y @ y), D.T @ y, D.T @ D, float(np.linalg.norm(c))
-    shares = np.square(off)[:, None]
+    yy, Dy, DD, unit = float(y @ y), D.T @ y, (D.T @ D).ravel(), float(np.linalg.norm(c))
+    shares, largest = np.square(off)[:, None], getattr(effect, "largest", np.inf)
 
-    def likelihood(u: Array) -> float:
-        at = unit * u
-        if not is_possible(effect, abs(effect.amplitude(at))):
-            return np.inf
-        squares = np.outer(at, at).ravel()
-        variances, V = np.linalg.eigh((squares @ TTs).reshape(m, m))
-        half = (V.T @ (Ty @ at - squares @ TDs)) ** 2
-        left = float(yy - 2 * at @ Dy + at @ DD @ at)
-        form = shares * variances.clip(0.0)
-        noise = _likeliest(left, shares * half, form, count) if count else np.ones((len(off), 1))
+    def likelihood(ways: Array, sizes: Array) -> Array:  # along directions (d, k), at sizes (d, s)
+        squares = (ways[:, :, None] * ways[:, None, :]).reshape(-1, k * k)
+        variances, V = np.linalg.eigh((squares @ TTs).reshape(-1, m, m))
+        own, crossed = (one[:, None] @ V for one in (ways @ Ty.T, squares @ TDs))
+        both = (own - sizes[..., None] * crossed) ** 2, variances[:, None].clip(0.0)
+        half, form = ((sizes[..., None] ** 2 * one)[:, :, None] * shares for one in both)
+        left = (yy - 2 * sizes * (ways @ Dy)[:, None] + sizes**2 * (squares @ DD)[:, None])[:, :, None, None]
+        noise = _likeliest(left, half, form, count) if count else np.ones((*left.shape[:2], len(off), 1))
         grown = 1 + form / noise
-        explained = (shares * half / (noise**2 * grown)).sum(axis=1) - np.log(grown).sum(axis=1)
-        likely = explained - (left / noise + count * np.log(noise))[:, 0]
-        return float(-2 * (np.logaddexp.reduce(likely / 2) - np.log(len(off))))
+        explained = (half / (noise**2 * grown)).sum(axis=-1) - np.log(grown).sum(axis=-1)
+        likely = explained - (left / noise + count * np.log(noise))[..., 0]
+        return np.asarray(-2 * (np.logaddexp.reduce(likely / 2, axis=-1) - np.log(len(off))))
 
-    along = c / unit
-    across = [np.array([-along[1], along[0]])] if len(along) == 2 else []
-    starts = [sign * size * way for size in _SIZES for sign in (1, -1) for way in (along, *across)]
-    best = min(starts, key=likelihood)
-    return float(minimize(likelihood, best, method="Nelder-Mead", options={"maxiter": _STEPS, "fatol": _NEAR}).fun)
+    along, sizes, reach = c / unit, unit * np.array([*_SIZES, *(-size for size in _SIZES)]), 1.0
+    ways = along[None]
+    if k == 2:  # and the directions between it and its opposite
+        ways = np.stack([np.cos(_AROUND), np.sin(_AROUND)], axis=-1) @ np.array([along, [-along[1], along[0]]])
+    turns = np.concatenate([np.zeros((1, k)), *(step * np.eye(k) for step in _TURNS)])[: None if k > 1 else 1]
+    for _ in range(_CLOSER):
+        most = np.array([largest / max(abs(effect.amplitude(way)), _TINY) for way in ways])[:, None]
+        tried = np.clip(sizes, -most, most)  # those that are possible
+        found = likelihood(ways, tried)
+        way, size = np.unravel_index(int(np.argmin(found)), found.shape)
+        ways, sizes = ways[way] + reach * turns, tried[way, size] * np.exp(reach * _GRID)
+        ways, reach = ways / np.linalg.norm(ways, axis=1, keepdims=True), reach * _CLOSES_IN
+    return float(found.min())
 
 
-def _likeliest(left: float, half: Array, form: Array, count: int) -> Array:
-    """Return the likeliest variance of the noise, (k, 1), for each of k sizes of a random form, by fixed points."""
-    noise = np.full((len(form), 1), max(left / count, _TINY))
+def _likeliest(left: Array, half: Array, form: Array, count: int) -> Array:
+    """Return the likeliest variance of the noise, (..., 1), for each size of a random form, by fixed points."""
+    noise = np.maximum(left / count, _TINY)
     for _ in range(_SETTLED):
         both = noise + form
-        explained = (half * (noise + both) / both**2).sum(axis=1, keepdims=True)
-        free = count - (form / both).sum(axis=1, keepdims=True)
+        explained = (half * (noise + both) / both**2).sum(axis=-1, keepdims=True)
+        free = count - (form / both).sum(axis=-1, keepdims=True)
         noise = np.maximum((left - explained) / np.maximum(free, 1.0), _TINY)
     return noise
