@@ -207,9 +207,9 @@ def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: A
         misclosure = misclosure + np.einsum("nck,nk->nc", B, readings - adjusted)
     misclosure = model.formulation.decorrelate(misclosure)
     # the standard deviation of each reading without `scale`, (n, k), from the stated and the extra variance
-    stated = model.formulation.sigma
-    variances = [np.asarray(stated[name]) ** 2 + noise.extra.get(name, 0.0) for name in model.formulation.readings]
-    sigma = np.sqrt(np.stack([np.broadcast_to(v, len(data)) for v in variances], axis=-1))
+    stated, sigma = model.formulation.sigma, np.empty(readings.shape)
+    for k, name in enumerate(formulation.readings):
+        sigma[:, k] = np.sqrt(np.asarray(stated[name]) ** 2 + noise.extra.get(name, 0.0))
     whiten = whitener(B, sigma, noise.autocorrelation, reading_order(data))
     return Linearised(
         model=model, x=x, misclosure=misclosure, whiten=whiten, recorded=recorded, slopes=slopes, reading_slopes=B,
