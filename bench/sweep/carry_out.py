@@ -170,7 +170,7 @@ def _do(
         store.write(replace(first[label], record=record))
 
     unbegun = {run_id: spec for run_id, spec in left.items() if run_id not in broken}
-    if unbegun and CAN_FORK and execution.name != "dask":
+    if unbegun and CAN_FORK and execution.address is None:
         with told_after(_SILENCE, lambda: tell(_COMPILING)) as compiling:
             load_kernels(unbegun.values(), compiling=compiling)  # once here, and not again in every child
     measured = list(costs.measured(unbegun.values(), store.manifest().get("costs", [])))

@@ -1,10 +1,10 @@
 """A seat: the process beside a cluster's worker in which runs are executed, by a child that it forks.
 
-A Dask worker must outlive whatever a run does. So it starts a seat, a fresh process of one thread, which executes
-nothing of a user's itself. What it says begins with a letter: ``X`` why it does not work; ``B`` it
-can begin with a pack, and does when it hears anything; ``T`` what its child says, pickled: ``P`` how far a run is,
-JSON, and ``R`` a run has ended, a `Made` pickled; ``E`` the pack has, with [status, why] where the child was
-lost.
+A Dask worker must outlive whatever a run does. So it starts a seat, a process of one thread (fresh, or forked before
+the worker of this machine has others), which executes nothing of a user's itself. What it says begins with a letter:
+``X`` why it does not work; ``B`` it can begin with a pack, and does when it hears anything; ``T`` what its child says,
+pickled: ``P`` how far a run is, JSON, and ``R`` a run has ended, a `Made` pickled; ``E`` the pack has, with [status,
+why] where the child was lost.
 
 A `Home` is what the sweep's own machine has and every worker must have: versions and digests of code, by which a worker
 that differs is refused, and the sources of a user's classes, which are sent along.
@@ -47,10 +47,14 @@ OURS = (  # what a run goes through
 )
 
 
-def sit(descriptor: int) -> None:
-    """Do the packs that come over the socket `descriptor` until it is closed."""
+def enter(descriptor: int) -> None:
+    """Be a seat, whose worker has the other end of the socket `descriptor`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the worker ends us
-    worker = Connection(descriptor)
+    sit(Connection(descriptor))
+
+
+def sit(worker: Connection) -> None:
+    """Do the packs that come from the `worker` until it hangs up."""
     child = Child(_work)
     with tempfile.TemporaryDirectory(prefix="calibench-") as folder:
         try:

@@ -23,6 +23,9 @@ from typing import Any, final
 import dask
 from distributed import Worker, get_worker
 
+from calibench.bench.gate.processes import Child
+from calibench.bench.workers.dask_seat import sit
+
 TOGETHER = 0.1  # seconds within which runs that end travel in one message
 _LOOK = 0.25  # seconds between two looks at whether the pack is still wanted
 _START = 300.0  # seconds for a seat to start, where a slow drive has to load all libraries
@@ -36,9 +39,10 @@ _ONE_THREAD = {
         "VECLIB_MAXIMUM_THREADS",
     )
 }  # fmt: skip
-_ENTER = "import sys; sys.path[:] = {path!r}; from calibench.bench.workers.dask_seat import sit; sit({descriptor})"
+_ENTER = "import sys; sys.path[:] = {path!r}; from calibench.bench.workers.dask_seat import enter; enter({descriptor})"
 _IDLE: dict[str, list[_Seat]] = {}  # queue -> the seats of this process that wait for work
 _ALL: set[_Seat] = set()
+_SPARE: list[_Seat] = []  # one that was forked while this process had no other thread
 _LOCK = threading.Lock()
 
 
@@ -131,17 +135,26 @@ class _Stream:
 
 @final
 class _Seat:
-    """A seat, as its worker sees it."""
+    """A seat, as its worker sees it: a fresh process, or a fork, of a worker without other threads, with all loaded."""
 
-    def __init__(self) -> None:
-        ours, theirs = socket.socketpair()
-        enter = _ENTER.format(path=sys.path, descriptor=theirs.fileno())
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-c", enter], env={**os.environ, **_ONE_THREAD}, pass_fds=(theirs.fileno(),),
-            stdin=subprocess.DEVNULL, process_group=0,
-        )  # fmt: skip
-        theirs.close()
-        self._connection = Connection(ours.detach())
+    def __init__(self, fork: bool = False) -> None:
+        self._code: Callable[[], int | None]
+        if fork:
+            child = Child(sit)
+            child.start()
+            process: Any = child.process
+            self._connection = child.connection
+            self._code, self._wait, self._kill = lambda: process.exitcode, process.join, process.kill
+        else:
+            ours, theirs = socket.socketpair()
+            enter = _ENTER.format(path=sys.path, descriptor=theirs.fileno())
+            fresh = subprocess.Popen(
+                [sys.executable, "-P", "-c", enter], env={**os.environ, **_ONE_THREAD}, pass_fds=(theirs.fileno(),),
+                stdin=subprocess.DEVNULL, process_group=0,
+            )  # fmt: skip
+            theirs.close()
+            self._connection = Connection(ours.detach())
+            self._code, self._wait, self._kill = fresh.poll, fresh.wait, fresh.kill
         self._hanging_up = threading.Lock()
         self._hung_up = False
         with _LOCK:
@@ -149,7 +162,7 @@ class _Seat:
 
     @property
     def is_gone(self) -> bool:
-        return self._hung_up or self._process.poll() is not None
+        return self._hung_up or self._code() is not None
 
     def say(self, words: bytes) -> bool:
         with suppress(OSError):
@@ -172,14 +185,14 @@ class _Seat:
         """Let it end its child and go; end it where it does not. Return its exit code, below 0 that of a signal."""
         with self._hanging_up:  # its pack's thread and the one that ends the worker may both close it
             self._connection.close()
-        try:
-            self._process.wait(_END)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        with suppress(subprocess.TimeoutExpired):
+            self._wait(_END)
+        if self._code() is None:
+            self._kill()
+            self._wait()
         with _LOCK:
             _ALL.discard(self)
-        return self._process.returncode
+        return self._code() or 0
 
 
 def _take(queue: str, home: bytes, pack: bytes, is_wanted: Callable[[], bool]) -> tuple[_Seat | None, str]:
@@ -193,8 +206,9 @@ def _take(queue: str, home: bytes, pack: bytes, is_wanted: Callable[[], bool]) -
             with _LOCK:
                 seats = _IDLE.get(queue, [])
                 seat = seats.pop() if seats else None
+                spare = _SPARE.pop() if _SPARE and seat is None else None
             if seat is None:
-                seat = _Seat()
+                seat = spare or _Seat()
                 seat.say(home)
                 break
         seat.say(pack)
@@ -216,6 +230,7 @@ def _take(queue: str, home: bytes, pack: bytes, is_wanted: Callable[[], bool]) -
 
 def serve(parent: Connection) -> None:
     """Be a worker of the scheduler whose address, and folder for files, `parent` sends; end where it hangs up."""
+    _SPARE.append(_Seat(fork=True))
     address, scratch = parent.recv()
     logging.disable(logging.CRITICAL)  # what matters is told by what happens to the runs
     dask.config.set({"distributed.worker.profile.enabled": False})  # it looks a hundred times a second

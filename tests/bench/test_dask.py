@@ -390,7 +390,17 @@ def test_a_seat_passes_on_in_one_message_what_runs_say_that_end_together(monkeyp
     assert len(told) == 1
 
 
-def test_a_seat_is_closed_once_where_two_threads_close_it(monkeypatch):
+def test_the_first_seat_of_a_worker_of_this_machine_is_forked_and_loads_nothing_anew():
+    mine = Path("/proc/self/cmdline").read_bytes()
+    with cluster(1, None) as there:
+        wait_for(there.workers)
+        family = descendants(os.getpid())
+        assert [Path(f"/proc/{pid}/cmdline").read_bytes() == mine for pid in family] == [True, True]  # worker and seat
+    wait_for(lambda: not alive(family), 10)
+
+
+@pytest.mark.parametrize("fork", [False, True])
+def test_a_seat_is_closed_once_where_two_threads_close_it(monkeypatch, fork):
     descriptors = []
 
     def slowly(self):
@@ -398,7 +408,7 @@ def test_a_seat_is_closed_once_where_two_threads_close_it(monkeypatch):
         sleep(0.2)  # so that the other thread comes while it is not closed yet
         os.close(self._handle)
 
-    seat = _Seat()
+    seat = _Seat(fork)
     monkeypatch.setattr(Connection, "_close", slowly)
     with ThreadPoolExecutor(2) as threads:
         codes = [each.result() for each in [threads.submit(seat.close) for _ in range(2)]]
