@@ -102,18 +102,17 @@ def write_report(
     kept, about = Kept.read(store.folder), (study_preset(manifest["study"]) or {}).get("description", "")
     with tables.problems_made_once() as known, _of_problems(runs, additions, known) as asked:
         tell(1, _STEPS, "when each run reached each target")
-        levels, stated = next(asked)
+        drawn, groups, ranked = with_looks(runs, summary), groups_of(runs), figures.ranked_over_tasks(runs)
+        levels, stated = next(asked)  # found meanwhile
         known |= stated
         written = [store.write_hits(levels)]
         file = parquet_file(written[0], as_codes=("run_id", "quantity"))
         hits = Hits.of(file.read_row_group(i, Hits.COLUMNS) for i in range(file.num_row_groups))
         give_back()
         tell(2, _STEPS, "the tables")
-        drawn = with_looks(runs, summary)
-        together = list(ecdf_figures(drawn, hits, groups_of(runs)))[:_GROUPS]
+        together = list(ecdf_figures(drawn, hits, groups))[:_GROUPS]
         drawable = [(name, draw) for name, _, draw in together]
         many = len(runs[PROBLEM].drop_duplicates()) > _MANY
-        ranked = figures.ranked_over_tasks(runs)
         drawable += figures.drawable(drawn, traces, additions, _FEW if many else _DRAWN, ranked)
         steps = _STEPS + len(drawable)
         at = {name: 3 + i for i, (name, _) in enumerate(reversed(drawable))}  # the last is drawn first
