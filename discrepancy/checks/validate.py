@@ -299,8 +299,10 @@ def copied_rows(
     probability d / (2 sqrt(pi) sigma), so steps and stated noise give the expected number of equal rows. Raises
     `DataError` with the rows where equal rows cannot be, and where copies make the times of the other rows unsure.
     """
-    counters = _counters(data, rows, formulation)
-    times = [name for name in _times(data, formulation) if name not in counters]
+    named = {"t_s", roles_of(formulation).time, *(name for name, unit in data.units.items() if unit == "s")}
+    timed = {name for name in named if name in data and np.asarray(data[name]).dtype.kind in "iuf"}
+    counters = _counters(data, rows, formulation, timed)
+    times = timed - {*counters}
     first, again = _pairs(data, counters, times)
     copies = np.zeros(len(data), dtype=bool)
     if not len(again):
@@ -379,11 +381,6 @@ def step_of(values: NDArray[Any]) -> float:
     return step
 
 
-def _times(data: MeasuredData, formulation: Formulation) -> tuple[str, ...]:
-    named = {"t_s", roles_of(formulation).time, *(name for name, unit in data.units.items() if unit == "s")}
-    return tuple(name for name in data.columns if name in named and np.asarray(data[name]).dtype.kind in "iuf")
-
-
 def _pairs(
     data: MeasuredData, but: Collection[str], times: Collection[str]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -405,11 +402,12 @@ def _pairs(
     return first[alike][again], again
 
 
-def _counters(data: MeasuredData, rows: NDArray[np.intp], formulation: Formulation) -> tuple[str, ...]:
+def _counters(
+    data: MeasuredData, rows: NDArray[np.intp], formulation: Formulation, timed: Collection[str]
+) -> tuple[str, ...]:
     """Return the columns of whole numbers, or words that end in them (`R17`), that only count `rows` of the file."""
-    known = {*columns_of(roles_of(formulation)), *(q.name for q in description_of(data.machine).columns)}
-    known |= set(_times(data, formulation))
     roles = roles_of(formulation)
+    known = {*columns_of(roles), *timed, *(q.name for q in description_of(data.machine).columns)}
     spoken_of = {*formulation.readings, *inputs_of(formulation), *roles.columns, roles.time}  # they may go by one a row
     counters = []
     for name in (name for name in data.columns if name not in spoken_of and name not in _BOOKKEEPING):
