@@ -56,8 +56,7 @@ class HandEyeRequest:
     def carry_out(self) -> HandEye:
         """Return the frames of camera and board. Raises `ValueError`, in one line."""
         units = {self.columns.get(name, name): unit for name, unit in self.units.items()}
-        table = read_poses(self.data, units)
-        return calibrate_hand_eye(table, self.setup, self.columns)
+        return calibrate_hand_eye(read_poses(self.data, units), self.setup, self.columns)
 
 
 def read_hand_eye(words: Sequence[str]) -> HandEyeRequest:
@@ -215,7 +214,6 @@ def _yaml(path: Path) -> Any:
 
 
 def _arrays(path: Path) -> dict[str, Any]:
-    """Return the arrays of numbers in an npz file."""
     try:
         with zipfile.ZipFile(BytesIO(read_whole(path, LARGEST_OWN))) as packed:
             entries = [one for one in packed.infolist() if one.filename.endswith(".npy")]
@@ -279,7 +277,6 @@ def _by_name(content: Any) -> Mapping[str, Any]:
 
 
 def _has_poses(content: Any) -> bool:
-    """Return whether names of poses stand in `content` itself."""
     return isinstance(content, Mapping) and any(n in content or parts <= {*content} for n, parts in _PARTS.items())
 
 

@@ -106,7 +106,6 @@ def _shipped(present: set[str]) -> str:
 
 
 def _extras() -> Iterator[str]:
-    """Yield a line on what is here, and one on each that is not."""
     packages: dict[str, list[str]] = {}
     try:
         declared = requires("calibench") or []

@@ -6,6 +6,7 @@ kernel. Any other gets a copy of each candidate, and its results are copied as f
 array at every call changes no earlier result; a `TypeError` says what is needed.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, final
@@ -140,9 +141,7 @@ def _as_float(value: Any) -> float:
         raise TypeError(f"the objective returned an array of shape {value.shape}: {_ONE}")
     if isinstance(value, list | tuple):
         raise TypeError(f"the objective returned a {type(value).__name__} of {len(value)}: {_ONE}")
-    try:
+    with suppress(TypeError, ValueError):
         if not isinstance(value, str | bytes | bytearray):
             return float(value)
-    except (TypeError, ValueError):
-        pass
     raise TypeError(f"the objective returned {type(value).__name__}: a real number is needed")

@@ -8,6 +8,7 @@ package are left out, except the one that raised. An exception of another proces
 from __future__ import annotations
 
 import pickle
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from traceback import FrameSummary, extract_tb, format_list
@@ -89,26 +90,19 @@ class ToldError:
     @staticmethod
     def of(error: BaseException) -> ToldError:
         """Return what is told of `error`."""
-        text = text_of(error, _LONGEST_SENT)
-        pickled = None
-        try:
+        text, pickled = text_of(error, _LONGEST_SENT), None
+        with suppress(Exception):  # whatever foreign classes do in it
             raw = pickle.dumps(error)
             twin = pickle.loads(raw)
             if type(twin) is type(error) and text_of(twin, _LONGEST_SENT) == text:
                 pickled = raw
-        except Exception:  # whatever foreign classes do in it
-            pass
         return ToldError(pickled, type(error).__name__, text, frames_of(error))
 
     def rebuilt(self) -> BaseException:
         """Return the exception, to be raised here."""
-        error: BaseException | None = None
+        error: BaseException = type(self.kind, (Exception,), {})(self.text)
         if self.pickled is not None:
-            try:
+            with suppress(Exception):  # its module is known only there
                 error = pickle.loads(self.pickled)
-            except Exception:  # its module is known only there
-                error = None
-        if error is None:
-            error = type(self.kind, (Exception,), {})(self.text)
         setattr(error, TOLD, self.frames)
         return error

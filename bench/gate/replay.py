@@ -146,8 +146,7 @@ class ReplayFile:
     def known(self, place: int, count: int) -> int:
         """Return how many of the calls from `place` on, one place each, are known without a gap; at most `count`."""
         there = self._places[self._at : self._at + count]
-        gaps = (i for i, known in enumerate(there) if known != place + i)
-        return next(gaps, len(there))
+        return next((i for i, known in enumerate(there) if known != place + i), len(there))
 
     def add(self, record: Record) -> None:
         """Write a record at the end. Raises `OSError` where it cannot: the file is then whole as it was before."""

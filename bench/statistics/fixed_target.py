@@ -89,8 +89,7 @@ class Runtimes:
     @property
     def least(self) -> Array:
         """Return the same, where each target was reached right after it surely was not."""
-        early = np.where(self.after >= 0, self.after + 1.0, np.inf)
-        return np.where(self.charged >= 0, early, self.paid)
+        return np.where(self.charged >= 0, np.where(self.after >= 0, self.after + 1.0, np.inf), self.paid)
 
     def of(self, rows: Counts | Flags, columns: Counts | Flags) -> Runtimes:
         """Return these of the runs, and against some of the targets."""

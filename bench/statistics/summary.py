@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from math import sqrt
 from pathlib import Path
@@ -360,11 +361,9 @@ def endings(table: pd.DataFrame) -> pd.Series:
             kinds[optimizer, text] = "restarts"
         elif optimizer in optimizers.registry:
             given = given_options(optimizers.registry, optimizer, options)
-            try:
+            with suppress(ValueError, AttributeError):  # options of another version, or a class without traits
                 stops = optimizers.make(optimizer, **given).traits.self_terminating
                 kinds[optimizer, text] = "stops" if stops else ""
-            except (ValueError, AttributeError):  # options of another version, or a class without traits
-                pass
     return name_rows(table, METHOD, lambda methods: [kinds[method] for method in methods])
 
 

@@ -173,9 +173,7 @@ class ResultStore:
     @property
     def study(self) -> str:
         """Return the study's name: its manifest's, or that of the folder where there is none yet."""
-        if self.is_begun:
-            return str(self.manifest()["study"])
-        return self.folder.resolve().name
+        return str(self.manifest()["study"]) if self.is_begun else self.folder.resolve().name
 
     def runs(self, columns: Sequence[str] | None = None, *, options: bool = False) -> pd.DataFrame:
         """Return all finished runs, a row each, collected or not: columns of `RUNS_SCHEMA` and ``merit.KEY``, or these.

@@ -470,9 +470,7 @@ def _pages_in(folder: Path, entry: Entry) -> list[Path]:
     if entry.kind == "discovery":  # a page a case
         written += [path for path in sorted(folder.glob("*/report.html")) if not path.parent.is_symlink()]
     there = [path for path in (first, *written) if path.is_file() and not path.is_symlink()]
-    if entry.kind == "runs" and first not in there:
-        return [first, *there] if entry.done else there
-    return there
+    return [first, *there] if entry.kind == "runs" and entry.done and first not in there else there
 
 
 def _whole(text: str) -> int:
