@@ -16,6 +16,7 @@ from scipy.special import ndtri
 
 from calibench.calibration.arm import Arm, placement
 from calibench.calibration.columns import POSITION, QUATERNION, by_their_names, match_columns
+from calibench.calibration.determined import information_of
 from calibench.calibration.fit import Fit
 from calibench.calibration.hand_eye import Frame, frame_of
 from calibench.calibration.hand_eye_start import Mounting, Pairs, Setup, read_pairs, side_of, start_of_pairs
@@ -101,12 +102,15 @@ def frames_of_fit(arm: Arm, fit: Fit, draws: Array, mounting: Mounting) -> tuple
     bases = np.stack([inverse(chain.mount @ placement(p[:6])) for p in drawn])
     tools = np.stack([before @ chain.tool @ placement(p[-6:]) for p in drawn])
     ends = ((tip, tools), (chain.base, bases))
+    # the part of the residuals that went into numbers, those counting less that were known before
+    known = float(information_of(fit.model)[fit.kept] @ np.diag(fit.covariance))
+    spent = (len(fit.kept) - known) / max(float(fit.weights @ fit.model.counted), 1.0)
     frames = []
     for child, (parent, poses) in zip(
         ("camera", "board"), ends if mounting == "eye_in_hand" else ends[::-1], strict=True
     ):
         off = np.column_stack([poses[1:, :3, 3] - poses[0, :3, 3], vector_of(poses[1:, :3, :3] @ poses[0, :3, :3].T)])
-        frames.append(frame_of(parent, child, poses[0], partial(_spread, np.cov(off.T) / (1 - fit.spent))))
+        frames.append(frame_of(parent, child, poses[0], partial(_spread, np.cov(off.T) / (1 - spent))))
     return frames[0], frames[1]
 
 

@@ -125,11 +125,6 @@ class DhArm:
                 names += [f"{number}_{row.name}" for number in (*numbers, "gain")]
         return (*names, *(f"tool_{one}" for one in kinematics.PLACEMENT))
 
-    @property
-    def nominal(self) -> Array:
-        """Return the parameters of the arm of the table: 0, and 1 for a gain."""
-        return np.array([1.0 if name.startswith("gain_") else 0.0 for name in self.names])
-
     def corrected(self, p: Array) -> DhTable:
         """Return the table with the errors of `p`, in the order of `names`, added to its numbers."""
         by = dict(zip(self.names, p.tolist(), strict=True))

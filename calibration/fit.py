@@ -40,12 +40,6 @@ class Fit:
     covariance: Array
 
     @property
-    def spent(self) -> float:
-        """Return the part of the residuals that went into numbers, those counting less that were known before."""
-        known = float(information_of(self.model)[self.kept] @ np.diag(self.covariance))
-        return (len(self.kept) - known) / max(float(self.weights @ self.model.counted), 1.0)
-
-    @property
     def weights(self) -> Array:
         """Return 1 for the readings that had an influence, 0 for the wild, (n,)."""
         return np.where(self.wild, 0.0, 1.0)

@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 
 from calibench.calibration.dh import DhArm, DhTable
-from calibench.calibration.kinematics import Chain, forward, jacobian, nominal, parameter_units
+from calibench.calibration.kinematics import Chain, forward, jacobian, parameter_units
 from calibench.calibration.loci import Loci
 from calibench.calibration.readings import Readings
 from calibench.calibration.rigid import Array, Index, Mask, cross, inverse, vector_of
@@ -82,9 +82,8 @@ class ArmModel:
 
     @property
     def start(self) -> Array:
-        """Return the nominal parameters: nothing is wrong."""
-        start = nominal(self.chain) if self.rows is None else self.rows.nominal
-        return np.concatenate([start[:-6], np.zeros(len(self._more)), start[-6:]])
+        """Return the nominal parameters, nothing being wrong: 0, and 1 for a gain."""
+        return np.array([1.0 if name.startswith("gain_") else 0.0 for name in self.names])
 
     @property
     def wanted(self) -> Array:

@@ -218,26 +218,17 @@ def _declared(
     """Declare the options of `delta9`: where it is measured, and sigma [mm], the noise of a height, with its seed."""
 
 
-@final
-class DeltaFamily:
+@registry.register(_FAMILY, options=_declared)
+def delta9(**options: Any) -> DeltaProbing:
     """Endstops, radius, angles and rods of a linear delta, from heights of the bed and a printed object."""
-
-    name = _FAMILY
-
-    def __call__(self, **options: Any) -> DeltaProbing:
-        """Build the problem with `options` (those of ``bench list problems``)."""
-        options = registry.check(self.name, options)
-        if options.get("instance") is not None:
-            return _drawn(tuple(sorted(options.items())))
-        chosen = registry.complete(self.name, options)
-        del chosen["instance"]
-        machine, half = Machine(), np.array(_HALF)
-        at, box = places(chosen["plan"], machine.bed_radius), instances.Box(np.array(_TRUTH), -half, half)
-        return _measured(chosen, machine, at, box, chosen)
-
-
-delta9 = DeltaFamily()
-registry.register(_FAMILY, options=_declared)(delta9)
+    options = registry.check(_FAMILY, options)
+    if options.get("instance") is not None:
+        return _drawn(tuple(sorted(options.items())))
+    chosen = registry.complete(_FAMILY, options)
+    del chosen["instance"]
+    machine, half = Machine(), np.array(_HALF)
+    at, box = places(chosen["plan"], machine.bed_radius), instances.Box(np.array(_TRUTH), -half, half)
+    return _measured(chosen, machine, at, box, chosen)
 
 
 @lru_cache(maxsize=256)  # a problem is a value, and drawing it takes a hundred times as long as a call
