@@ -23,9 +23,6 @@ from typing import Any, final
 import dask
 from distributed import Worker, get_worker
 
-from calibench.bench.gate.processes import Child
-from calibench.bench.workers.dask_seat import sit
-
 TOGETHER = 0.1  # seconds within which runs that end travel in one message
 _LOOK = 0.25  # seconds between two looks at whether the pack is still wanted
 _START = 300.0  # seconds for a seat to start, where a slow drive has to load all libraries
@@ -140,6 +137,9 @@ class _Seat:
     def __init__(self, fork: bool = False) -> None:
         self._code: Callable[[], int | None]
         if fork:
+            from calibench.bench.gate.processes import Child  # not into the workers of a site
+            from calibench.bench.workers.dask_seat import sit
+
             child = Child(sit)
             child.start()
             process: Any = child.process
