@@ -40,19 +40,11 @@ from calibench.discrepancy.noise.laws import OF_NOISE, NoiseFinding
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.remarks import Search, notes_of
+from calibench.discrepancy.search import stepwise
 from calibench.discrepancy.search.finding import FREE_PERIOD, also_told_by, parted_by, with_sizes
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
 from calibench.discrepancy.search.smoother import NEAR, fit_smooth, unnamed_of
 from calibench.discrepancy.search.standing import renewed
-from calibench.discrepancy.search.stepwise import (
-    Selection,
-    held_by_order,
-    is_calm,
-    judge,
-    select_stepwise,
-    with_alternatives,
-    with_orders,
-)
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds, thresholds as current_thresholds, using
 from calibench.discrepancy.validation import beside_steps, gap_of, times_left
 
@@ -103,12 +95,12 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
         base, known.candidates, terms, suspects, first.notes_of_noise, rng, level
     )
     # names of order that shuffled rows lose, and what each set is beside all others
-    selection, orders = held_by_order(selection, base, known.candidates, terms)
+    selection, orders = stepwise.held_by_order(selection, base, known.candidates, terms)
     selection = replace(selection, sets=renewed(selection.sets, selection.fit, known.candidates))
-    selection = replace(selection, sets=with_alternatives(selection.sets, base, known.alternatives))
+    selection = replace(selection, sets=stepwise.with_alternatives(selection.sets, base, known.alternatives))
     free = (*terms, *joint_terms(base))
-    verdict, findings, selection = judge(selection, base, terms, suspects, level, known.candidates, free)
-    findings = with_orders(findings, selection, known.candidates, orders)
+    verdict, findings, selection = stepwise.judge(selection, base, terms, suspects, level, known.candidates, free)
+    findings = stepwise.with_orders(findings, selection, known.candidates, orders)
     # validate: on rows that were not fitted; names that help nothing there are none
     final, unseen = selection.fit, None
     if verdict in ("none", "unknown"):
@@ -361,26 +353,26 @@ def _places(tests: Tests) -> tuple[reports.Place, ...]:
 def _selected(
     base: Fit, candidates: Sequence[Effect], terms: Sequence[SmoothTerm], suspects: tuple[NoiseFinding, ...],
     notes: tuple[Note, ...], rng: np.random.Generator, level: float,
-) -> tuple[Selection, Fit, tuple[NoiseFinding, ...], tuple[Note, ...]]:  # fmt: skip
+) -> tuple[stepwise.Selection, Fit, tuple[NoiseFinding, ...], tuple[Note, ...]]:  # fmt: skip
     """Return the selection, the fit without effects, the suspects that remain, and notes on the noise."""
     model = Model(base.model.formulation)
-    found = select_stepwise(base, candidates, terms, rng, level)
+    found = stepwise.select_stepwise(base, candidates, terms, rng, level)
     # noise that is carried on looks like errors over the time; where as much as may be explains the alarm, it is none
     untold = found.alarm and base.noise.profiled and not base.noise.autocorrelation
     for share in noises.carried(found.fit) if untold else ():
         there = fit(model, replace(base.noise, autocorrelation=share), base.x)
-        if is_calm(there, candidates, terms, rng, level):
-            calm = select_stepwise(there, candidates, terms, rng, level)
+        if stepwise.is_calm(there, candidates, terms, rng, level):
+            calm = stepwise.select_stepwise(there, candidates, terms, rng, level)
             text = f"no pose is read again; {100 * share:.0f} % of the noise may be carried on, and is taken to be"
             return calm, there, suspects, (*notes, Note(Code.NOISE_CARRIED, text, values={"part": share}))
     # a misfit that readings far off explain by themselves, wherever they are, is none of the machine
-    far = base.noise.profiled and not found.sets and judge(found, base, terms, suspects, level)[0] == "unknown"
+    far = base.noise.profiled and not found.sets and stepwise.judge(found, base, terms, suspects, level)[0] == "unknown"
     if outside := noises.outlying_untold(base) if far else ():
         there = noises.beside_outlying(base, outside)
-        if is_calm(there, candidates, terms, rng, level):
+        if stepwise.is_calm(there, candidates, terms, rng, level):
             parts = {sensor.part for sensor in blamable(model.formulation.sensors)}
             suspects = (*suspects, *(one for one in outside if one.target in parts))
-            return select_stepwise(there, candidates, terms, rng, level), there, suspects, notes
+            return stepwise.select_stepwise(there, candidates, terms, rng, level), there, suspects, notes
     # repeats that were approached from both sides differ by the play of a joint, which looks like wild readings: a
     # suspect that has less than one such reading beside the effects is cleared
     at, wild = found.fit, [s for s in suspects if s.family == "outlier"] if found.sets else []
@@ -394,18 +386,18 @@ def _selected(
         law, _, notes = noises.law_at(fit(at.model, Noise(extra=extra), at.x))
         noise = replace(law, extra=extra, profiled=law.profiled or base.noise.profiled)
         base = fit(model, noise, base.x)
-        found = select_stepwise(base, candidates, terms, rng, level)
+        found = stepwise.select_stepwise(base, candidates, terms, rng, level)
     if (calmer := _relearned(found, base.noise)) is not None:
         noise, notes = calmer
         base = fit(model, noise, base.x)
-        found = select_stepwise(base, candidates, terms, rng, level)
+        found = stepwise.select_stepwise(base, candidates, terms, rng, level)
     for _ in range(_LEARNED if unknown_noise_of(base.model.formulation) else 0):
-        verdict, _, standing = judge(found, base, terms, suspects, level, doubts=False)
+        verdict, _, standing = stepwise.judge(found, base, terms, suspects, level, doubts=False)
         if verdict == "unknown" or not found.sets or found.fit.exact:
             break
         formulation, noise, notes_now = noises.learned_beside(standing.fit, suspects)
         at = fit(Model(formulation), noise, base.x)
-        again = select_stepwise(at, candidates, terms, rng, level) if at.converged else None
+        again = stepwise.select_stepwise(at, candidates, terms, rng, level) if at.converged else None
         if again is None or not again.sets:
             break
         same = {own[0].name for own in found.sets} == {own[0].name for own in again.sets}
@@ -415,7 +407,7 @@ def _selected(
     return found, base, suspects, notes
 
 
-def _relearned(found: Selection, noise: Noise) -> tuple[Noise, tuple[Note, ...]] | None:
+def _relearned(found: stepwise.Selection, noise: Noise) -> tuple[Noise, tuple[Note, ...]] | None:
     """Return a smaller noise, with notes, where the found effects explain the differences of the repeats; else None."""
     as_stated = noise.scale <= 1 and not np.isfinite(noise.t_degrees)
     if not found.sets or noise.autocorrelation > 0 or as_stated:
@@ -474,8 +466,8 @@ def _at_other_noise(
     for factor in _OTHERS:
         at = replace(base, noise=replace(base.noise, scale=factor * base.noise.scale))
         with at_any_scale():
-            found = select_stepwise(at, candidates, terms, np.random.default_rng(seed), level)
-            verdict, findings, _ = judge(found, at, terms, suspects, level)
+            found = stepwise.select_stepwise(at, candidates, terms, np.random.default_rng(seed), level)
+            verdict, findings, _ = stepwise.judge(found, at, terms, suspects, level)
         others.append(reports.OtherNoise(factor, _short_of(verdict, left, factor), tuple(f.effect for f in findings)))
     return tuple(others)
 

@@ -23,16 +23,8 @@ from calibench.discrepancy.diagnostics.score import ProjectedScores, family_wise
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, products
 from calibench.discrepancy.fitting.fit import Fit, fit, orthonormal, predicted, reading_order, thinned
 from calibench.discrepancy.fitting.journal import kept_step
-from calibench.discrepancy.formula.grammar import (
-    LETTERS,
-    SMOOTH_NUMBERS,
-    Atom,
-    FormulaEffect,
-    Run,
-    Term,
-    class_of,
-    formula_text,
-)
+from calibench.discrepancy.formula import grammar
+from calibench.discrepancy.formula.grammar import Atom, FormulaEffect, Run, Term
 from calibench.discrepancy.labels import quantity_of
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.model import Model
@@ -173,7 +165,7 @@ def _answer_of(ground: Fit, whole: Formulation, seed: int, again: bool = True) -
             (i, j)
             for i, term in enumerate(best.terms)
             for j, atom in enumerate(term.atoms)
-            if atom.shape in SMOOTH_NUMBERS and not (atom.unit == "rad" and atom.number == round(atom.number))
+            if atom.shape in grammar.SMOOTH_NUMBERS and not (atom.unit == "rad" and atom.number == round(atom.number))
         )
         at: Fit | None = None
         for free in dict.fromkeys((numbers, ())):
@@ -259,17 +251,17 @@ def _told(
     changed = effect.shift(final.at.recorded, final.model.formulation.data, c)
     reachable = {name: float(np.max(np.abs(change))) for name, change in changed.items()}
     return Formula(
-        text=formula_text(terms), sizes=sizes, numbers=tuple(numbers),
+        text=grammar.formula_text(terms), sizes=sizes, numbers=tuple(numbers),
         intervals=tuple(
             Amplitude(s.value, s.unit, (s.value - reach * s.sd, s.value + reach * s.sd)) for s in (*sizes, *numbers)
         ),
         largest=tuple(Amplitude(v, search.unit(n)) for n, v in reachable.items()),
         changes=tuple(reachable), share=share, smooth_beside=final.model.effects[-1] is not effect,
-        rivals=tuple(FormulaRival(formula_text(r.terms), best.worth - r.worth) for r in rivals),
+        rivals=tuple(FormulaRival(grammar.formula_text(r.terms), best.worth - r.worth) for r in rivals),
         structure=tuple(
             (t.quantity, *(f"{a.shape} {a.column}" for a in sorted(t.atoms, key=lambda a: a.column))) for t in terms
         ),
-        code=class_of(terms, units, search.machine),
+        code=grammar.class_of(terms, units, search.machine),
     )  # fmt: skip
 
 
@@ -551,7 +543,7 @@ class _Search:
     def worth(self, T: float, rank: int, terms: Sequence[Term], on: ProjectedScores) -> float:
         """Return the description that a formula saves: what it explains, less its numbers and its place in the list."""
         numbers = rank + sum(
-            a.shape in SMOOTH_NUMBERS | {"play", "slip", "dead"}
+            a.shape in grammar.SMOOTH_NUMBERS | {"play", "slip", "dead"}
             and not (a.unit == "rad" and a.shape in ("sin", "cos", "wave") and a.number == round(a.number))
             for term in terms for a in term.atoms
         )  # fmt: skip
@@ -706,7 +698,7 @@ class _Search:
             grown: list[_Found] = []
             for one in level[: _KEPT[length]]:
                 on = self._beside(one.terms)[0]
-                if sum(t.sizes for t in one.terms) > len(LETTERS) - 2 or on.degrees < 8:
+                if sum(t.sizes for t in one.terms) > len(grammar.LETTERS) - 2 or on.degrees < 8:
                     continue
                 after, p = self.forward(on, one.terms, rng if not length else None)
                 if p > _LEVEL:
