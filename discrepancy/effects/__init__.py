@@ -13,10 +13,11 @@ __all__ = ["catalogue", "families", "family_of"]
 def catalogue(formulation: Formulation) -> Catalogue:
     """Return what the data can test of every family of their machine, and what they cannot."""
     known = families(formulation.data.machine)
-    whole = sum((family.candidates(formulation) for family in known), Catalogue())
+    parts = [family.candidates(formulation) for family in known]
     names = {f"{family.name} {target}" for family in known for target in family.names_in(formulation)}
     kept = []
-    for effect in whole.candidates:
+    for effect in (effect for part in parts for effect in part.candidates):
         twins = tuple(twin for twin in effect.twins if twin in names)
         kept.append(effect if twins == effect.twins else replace(effect, twins=twins))  # type: ignore[type-var]
-    return replace(whole, candidates=tuple(kept))
+    alternatives = (one for part in parts for one in part.alternatives)
+    return Catalogue(tuple(kept), tuple(alternatives), tuple(one for part in parts for one in part.untestable))

@@ -121,13 +121,6 @@ class Catalogue:
     alternatives: tuple[Alternative, ...] = ()
     untestable: tuple[Untestable, ...] = ()
 
-    def __add__(self, other: Catalogue) -> Catalogue:
-        return Catalogue(
-            (*self.candidates, *other.candidates),
-            (*self.alternatives, *other.alternatives),
-            (*self.untestable, *other.untestable),
-        )
-
 
 class NotTestable(Exception):
     """Raised where these data cannot test one target of a family, or it is not searched for alone.
@@ -229,16 +222,18 @@ class EffectFamily:
 
     def candidates(self, formulation: Formulation) -> Catalogue:
         """Return the candidates of all targets, and the targets that the data cannot test."""
-        found = Catalogue()
+        candidates: list[Effect] = []
+        alternatives: list[Alternative] = []
+        untestable: list[Untestable] = []
         for target in self.names_in(formulation):
             try:
                 built = self.build(formulation, target)
             except NotTestable as why:
-                lacking = Untestable(self.name, target, str(why), why.columns, why.missing)
-                found += Catalogue((), why.alternatives, (lacking,))
+                alternatives += why.alternatives
+                untestable.append(Untestable(self.name, target, str(why), why.columns, why.missing))
             else:
-                found += Catalogue(built if isinstance(built, tuple) else (built,))
-        return found
+                candidates += built if isinstance(built, tuple) else (built,)
+        return Catalogue(tuple(candidates), tuple(alternatives), tuple(untestable))
 
     def linear(
         self, target: str, columns: tuple[str, ...], coefficients: Mapping[str, str],

@@ -281,10 +281,9 @@ class _Part:
             acting = []
             for name, basis in effect.basis(at.at.recorded, data, at.x[place]).items():
                 slope = np.asarray(at.at.slopes[name])
-                square = np.sum(slope**2)
                 same = [  # but for a factor
                     k for k, one in enumerate(slopes)
-                    if np.sum(slope * one) ** 2 > (1 - _SAME) * square * np.sum(one**2)
+                    if np.sum(slope * one) ** 2 > (1 - _SAME) * np.sum(slope**2) * np.sum(one**2)
                 ]  # fmt: skip
                 acting.append(same[0] if same else len(slopes))
                 slopes += [slope] if acting[-1] == len(slopes) else []

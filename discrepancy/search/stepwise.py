@@ -26,12 +26,11 @@ from calibench.discrepancy.search import form as forming, guard, select
 from calibench.discrepancy.search.finding import finding_of, with_cautions
 from calibench.discrepancy.search.select import Option, Tests, energy_of, fit_with, options, penalty, run_tests
 from calibench.discrepancy.search.shuffle import controls
-from calibench.discrepancy.search.standing import named_by_smooth
+from calibench.discrepancy.search.standing import Sets, named_by_smooth
 from calibench.discrepancy.thresholds import thresholds
 from calibench.discrepancy.validation import errors_left_out, folds
 from calibench.problems.base import Array
 
-Sets = tuple[tuple[Option, ...], ...]
 Kept = Mapping[str, tuple[Option, ...]]  # name -> its set
 Controls = tuple[Fit, Mapping[str, Shuffled]]  # the fit whose names were shuffled, name -> its control
 
