@@ -16,7 +16,7 @@ from calibench.core.options import suggest
 
 Array = NDArray[np.float64]
 
-_DEGREE = pi / 180
+_DEGREE, _HOUR = pi / 180, pi / 12
 _TO_BASE = {
     "rad": ("rad", 1.0), "mrad": ("rad", 1e-3), "urad": ("rad", 1e-6), "deg": ("rad", _DEGREE),
     "arcmin": ("rad", _DEGREE / 60), "arcsec": ("rad", _DEGREE / 3600), "rev": ("rad", 2 * pi),
@@ -65,7 +65,8 @@ def factors_near(unit: str) -> dict[str, float]:
     if not is_unit(unit):
         return {}
     base, scale = _TO_BASE[_SPELT.get(unit.strip(), unit.strip())]
-    return {u: factor / scale for u, (b, factor) in _TO_BASE.items() if b == base and factor != scale}
+    units = {u: factor for u, (b, factor) in _TO_BASE.items() if b == base} | ({"h": _HOUR} if base == "rad" else {})
+    return {u: factor / scale for u, factor in units.items() if factor != scale}
 
 
 def factor_to_base(column: str, unit: str, needed: str | None = None) -> tuple[str, float]:
@@ -82,7 +83,7 @@ def factor_to_base(column: str, unit: str, needed: str | None = None) -> tuple[s
         raise ValueError(f"column {column}: unit {unit!r} is unknown; {suggest(known, choices)}")
     base, scale = _TO_BASE[known]
     if (known, needed) == ("h", "rad"):  # of right ascension, or an hour angle
-        return "rad", pi / 12
+        return "rad", _HOUR
     if needed not in (None, base):
         choices = [u for u, (b, _) in _TO_BASE.items() if b == needed]
         raise ValueError(f"column {column}: unit {unit!r} cannot be turned into {needed}; write {', '.join(choices)}")

@@ -417,10 +417,10 @@ def in_base_units(content: Columns, declared: Declared = ANY) -> Columns:
         if scale != 1:
             columns[name] = np.asarray(columns[name], dtype=float) * scale
             by_unit.setdefault((unit, units[name]), []).append(name)
-    notes = [
-        Note(Code.UNIT_TURNED, f"{', '.join(names)}: stated in {unit.strip()}, turned into {base}", tuple(names))
-        for (unit, base), names in by_unit.items()
-    ]
+    notes = []
+    for (unit, base), names in by_unit.items():
+        text = f"{', '.join(names)}: stated in {unit.strip()}, turned into {base}"
+        notes.append(Note(Code.UNIT_TURNED, text, tuple(names), values={"stated": unit.strip()}))
     for name in [name for name, unit in declared.units.items() if unit == "s" and name in columns]:
         if name not in content.units and columns[name].dtype.kind in "iuf":
             columns, told = with_seconds(columns, name)

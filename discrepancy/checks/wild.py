@@ -3,18 +3,22 @@
 At the start values the constraints are compared with those of shuffled readings, which fit no machine. Where the model
 is hardly nearer to the readings than to shuffled ones, but much nearer after one factor or one shift, the message names
 that factor or shift. Where none helps, the start is poor or the model is wrong: the fit may still succeed. Rows of
-different kinds, such as heights and distances, are compared and shuffled separately.
+different kinds, such as heights and distances, are compared and shuffled separately. Of a machine that computes its
+constraints from a table (`read_from`) the table is changed, and what calibration leaves is compared.
 
 Readings that no calibration can explain (a lost target, a pose that was not reached) are left out, with a note: after a
 fit with smaller weights for readings far out, a row is wild if what is left of it is `_FAR_OUT` times the middle one.
 Many of them are no accidents, and all are kept. `isolated` rows stand alone, so few times the middle one is enough.
 """
 
+from __future__ import annotations
+
 import json
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 from math import pi
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,15 +52,7 @@ def without_wild(formulation: Formulation, machine: str = "machine", isolated: b
     start = np.asarray(model.residuals(model.start))
     if fitted.sum() * start.shape[1] < _LEAST_SHARE * len(formulation.parameters) or not np.isfinite(start).all():
         return data
-    # the deviation of each constraint by its readings' noise, (n, c), and the sum of its parts' moduli
-    q = model.quantities()[0]
-    slopes = formulation.slopes(q)
-    sizes = {name: np.abs(np.asarray(q[name], dtype=float))[..., None] for name in slopes}
-    made_of = np.asarray(sum(np.abs(slope) * sizes[name] for name, slope in slopes.items()))
-    sigma = {name: np.asarray(formulation.sigma[name], dtype=float)[..., None] for name in formulation.readings}
-    noise = np.sqrt(sum((slopes[name] * sigma[name]) ** 2 for name in formulation.readings))
-    noise = np.maximum(noise, np.finfo(float).eps * np.maximum(made_of, 1e-300))
-
+    noise, made_of = _noise(formulation)
     left = np.asarray(model.residuals(robust(Model(formulation.on(data.rows(fitted))), noise[fitted])))
     size = np.abs(left) / noise
     middle = np.median(size[fitted], axis=0)
@@ -96,6 +92,17 @@ def without_wild(formulation: Formulation, machine: str = "machine", isolated: b
     return data.rows(~wild).with_note(Code.ROWS_WILD, text, rows=data.labels(wild))
 
 
+def _noise(formulation: Formulation) -> tuple[Array, Array]:
+    """Return the deviation of each constraint by its readings' noise, and the sum of its parts' moduli, (n, c) each."""
+    q = Model(formulation).quantities()[0]
+    slopes = formulation.slopes(q)
+    sizes = {name: np.abs(np.asarray(q[name], dtype=float))[..., None] for name in slopes}
+    made_of = np.asarray(sum(np.abs(slope) * sizes[name] for name, slope in slopes.items()))
+    sigma = {name: np.asarray(formulation.sigma[name], dtype=float)[..., None] for name in formulation.readings}
+    noise = np.sqrt(sum((slopes[name] * sigma[name]) ** 2 for name in formulation.readings))
+    return np.maximum(noise, np.finfo(float).eps * np.maximum(made_of, 1e-300)), made_of
+
+
 def robust(model: Model, noise: Array) -> Array:
     """Return the parameters of a fit in which readings far out, relative to their noise (n, c), have small weight."""
     x = model.start
@@ -113,13 +120,21 @@ FAR, _NEAR, _BETTER = 0.4, 0.2, 4.0
 _ROWS = 300  # most rows that are compared
 _LEAST = 8  # rows that are needed at least
 _TURN = 72  # places of a zero that are tried
-_ALIKE = 1.02  # times the best misfit: a cure within this is as good
-_CURES = 2  # cures that a message names
+_ALIKE = 2.0  # times the best misfit: a cure within this is as good, as nominal parameters are not the true ones
+_CURES = 3  # cures that a message names
 _OUT = 10.0  # times the largest misfit of shuffled readings: no reading of this machine
 _EXACT = 1e-10  # times the misfit of shuffled readings, or the numbers of a row: nearer to the model is rounding alone
 _LARGEST = 4.0  # times the noise: the largest misfit of some hundred shuffled readings of noise alone
 _MOST_OUT = 0.05  # part of the rows that may be so far off
 Cure = tuple[str, float]  # a change that brings the readings to the model, in words, and the misfit after it
+_LOW = 0.25  # of the stated noise: if calibration leaves less, numbers are in another unit than it
+_FALLS = 2.0  # times less than what is left, or by one mistake less: what a model lacks may do less
+_PAIRED = ("rad", "deg", "h", "mm", "m", "cm", "inch")  # units in which tables of whole machines are written
+_USUAL = (*_PAIRED, "gon", "")
+_CALM = 1.3  # times the noise: where calibration leaves less, no mistake is looked for
+_ROWS_A_PARAMETER = 4.0  # at least: of fewer a fit is near to any table
+_FEW = 60  # rows of a table that is formulated many times
+_TINY = 1e-12  # of a constraint
 _UNKNOWN = {"m": 1000.0, "um": 1e-3, "deg": pi / 180, "rad": 180 / pi}  # units that numbers may be in if none is stated
 
 
@@ -225,33 +240,94 @@ def without_wild_rows(formulation: Formulation) -> Formulation:
 
 
 def formulated(machine: Machine, data: MeasuredData) -> Formulation:
-    """Return `machine.formulate(data)`; a `MisfitError` gets the factor that corrects the data, where one is found."""
+    """Return `machine.formulate(data)`; raise `DataError` for a table that fits far better without a mistake, or two.
+
+    What a machine makes its constraints of (`read_from`) may be in another unit, of another sign, or exchanged. Tables
+    without such a mistake are formulated and calibrated, and what is left is compared in the units of the file.
+    """
+    made, said = None, ""
     try:
         made = machine.formulate(data)
     except MisfitError as error:
-        by_unit: dict[str, list[str]] = {}
-        for column in description_of(machine.name).columns:
-            if column.name in data and factors_near(column.unit) and column.unit in ("mm", "rad"):
-                by_unit.setdefault(column.unit, []).append(column.name)
-        best = ("", np.inf)
-        for unit, columns in by_unit.items():
-            for other, factor in factors_near(unit).items():
-                scaled = data.with_columns({name: np.asarray(data[name], dtype=float) * factor for name in columns})
-                try:
-                    formulation = machine.formulate(scaled)
-                except DataError:
-                    continue
-                misfit = _misfit(formulation, Model(formulation).quantities()[0])
-                if misfit < best[1]:
-                    way_out = f"multiply by {factor:.6g}, or state the unit {other}"
-                    best = (f"; {', '.join(columns)} look like {other}: {way_out}", misfit)
-        raise DataError(f"{error}{best[0]}") from None
-    if getattr(made, "constraints", None) is None:
+        said = str(error)
+    if made is not None and getattr(made, "constraints", None) is None:
         raise DataError(
             f"{machine.name}: formulate(data) returned {type(made).__name__}; Predicted(...), Constraints(...) or "
             "Blocks(...) is needed"
         )
+    known = description_of(machine.name)
+    read = [column for column in known.columns if column.name in known.read_from and column.name in data]
+    if made is not None and {column.name for column in read} <= {*made.readings, *inputs_of(made)}:
+        return made  # `refuse_wild` looks at these
+    off = 0.0 if made is None else _in_noise(made)
+    if made is not None and _LOW < off < _CALM:
+        return made
+    table = {column.name: data[column.name] for column in read if data[column.name].dtype.kind in "iuf"}
+    unit_of = {column.name: column.unit for column in read if column.name in table}
+    parts = {part: None for name in table for part in name.split("_")}
+    groups = [tuple(name for name in table if part in name.split("_")) for part in parts]
+    groups += [tuple(n for n in table if unit_of[n] == unit) for unit in dict.fromkeys(unit_of.values())]
+    together = [*dict.fromkeys((*groups, *((name,) for name in table)))]
+    changes = [one for one in _changes(table, unit_of, together, groups, data, known.own_units) if one.unit in _USUAL]
+    changes += [one for names in groups for one in _a_row_off(table, names)]
+    stands = made is not None
+    now = _left(machine, data) if stands else np.inf
+    cures = [(one.words, _left(machine, data, one, stands=stands)) for one in changes]
+    best = min(left for _, left in cures)
+    if not stands or off > _FALLS:
+        units = [one for one in changes if one.unit in _PAIRED and tuple(one.columns) in groups]
+        pairs = [(one, other) for one, other in combinations(units, 2) if not {*one.columns} & {*other.columns}]
+        two = [(f"{a.words}, and {b.words}", _left(machine, data, a, b, stands=stands)) for a, b in pairs]
+        of_two = min((left for _, left in two), default=np.inf)
+        cures, best = (two, of_two) if of_two < best - np.log(_FALLS) else (cures, best)
+    if best < now - np.log(_FALLS):
+        alike = [words for words, left in cures if left <= best + np.log(_ALIKE)][:_CURES]
+        times = plain(np.exp(now - best), 2)
+        said = f"{said}; the readings fit it" if said else f"{data.name}: calibration leaves {times} times less"
+        raise DataError(f"{said} {'; or as near '.join(alike)}")
+    if made is None:
+        raise DataError(said)
     return made
+
+
+def _left(machine: Machine, data: MeasuredData, *changes: _Change, stands: bool = True) -> float:
+    """Return the logarithm of what calibration leaves of a table with changes, in the units of the table as it stands.
+
+    Where that one `stands` by itself, any may be nearer; else infinity is returned of one that is far from the machine.
+    """
+    known = description_of(machine.name)
+    noise = {one.key: 1.0 for one in known.stated or () if one.key.startswith("sigma")}
+    few = np.unique(np.linspace(1, len(data) - 2, min(len(data), _FEW)).astype(int))  # of the ends a row may be missing
+    changed = {name: column for one in changes for name, column in one.columns.items()}
+    data = replace(data.with_columns(changed).rows(few), metadata={**noise, **data.metadata})
+    try:
+        made = machine.formulate(data)
+        with np.errstate(all="ignore"):
+            model = Model(made)
+            x = weighted_fit(model, model.start, np.ones(np.shape(model.residuals(model.start))))
+            left = np.asarray(model.residuals(x))
+            if left.size < _ROWS_A_PARAMETER * model.size:
+                return np.inf
+            if not stands and not _misfit(made, model.quantities(x)[0]) < _NEAR:
+                return np.inf
+    except (DataError, np.linalg.LinAlgError):
+        return np.inf
+    kinds = [left[rows] for rows, _ in _kinds(made)]
+    total = sum(len(one) * np.log(np.maximum(np.median(np.abs(one), axis=0), _TINY)).sum() for one in kinds)
+    reads = getattr(made, "reads", None)
+    measured = {*known.read_from} & {*made.readings} or {*known.read_from} - {*inputs_of(made)}
+    for one in changes:  # what is read and what it is read over are in another unit: so is what is left
+        for name in measured & {*one.columns} if {*one.columns} - measured else ():
+            total -= np.log(one.factor) * (len(left) if reads is None else reads(name).sum())
+    return float(total / left.size) if np.isfinite(total) else np.inf
+
+
+def _in_noise(formulation: Formulation) -> float:
+    """Return what calibration leaves, in deviations of the noise, rms."""
+    noise, _ = _noise(formulation)
+    model = Model(formulation)
+    left = np.asarray(model.residuals(robust(model, noise))) / noise
+    return float(np.sqrt(np.mean(left**2)))
 
 
 def _kinds(formulation: Formulation) -> list[tuple[NDArray[np.int_], Formulation]]:
@@ -292,25 +368,9 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers], whole: Formulatio
     stated = formulation.data.units
     own_units = description_of(formulation.data.machine).own_units
     unstated = [names for group in by_unit if (names := tuple(n for n in group if n not in stated))]
-    for names in dict.fromkeys((*groups, *by_unit, *unstated, *single)):
-        unit, one = unit_of[names[0]], len(names) == 1
-        for other, factor in (factors_near(unit) if unit else _UNKNOWN).items():
-            misfit = _changed(formulation, q, names, partial(np.multiply, factor))
-            missing = json.dumps(dict.fromkeys(names, other), ensure_ascii=False)
-            way_out = f"{'looks' if one else 'look'} like {other}; state the unit of the column: units={missing}"
-            if own_units:  # stating a unit changes nothing
-                both = "file and model are in units that differ by this factor"
-                way_out = f"{both}; write one of them in those of the other"
-            elif any(name in stated for name in names):  # only the user can correct it
-                way_out = "the unit that is stated is wrong by this factor"
-            yield f"if {', '.join(names)} {'is' if one else 'are'} multiplied by {factor:.6g}: {way_out}", misfit
-        if one:
-            misfit = _changed(formulation, q, names, lambda value: -value)
-            yield f"if {names[0]} is multiplied by -1: it counts the other way round", misfit
-    for names in groups:
-        for name, other in combinations(names, 2):
-            misfit = _misfit(formulation, {**q, name: q[other], other: q[name]})
-            yield f"if {name} and {other} are exchanged: each may stand under the name of the other", misfit
+    together = [*dict.fromkeys((*groups, *by_unit, *unstated, *single))]
+    for one in _changes(q, unit_of, together, groups, formulation.data, own_units):
+        yield one.words, _misfit(formulation, {**q, **one.columns})
     for name, unit in unit_of.items():
         if unit in ("rad", ""):
             yield _shifted(formulation, q, name, "" if own_units and not unit else " rad")
@@ -320,9 +380,53 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers], whole: Formulatio
     alike = kinds_of(first.sensors)
     sides = [tuple(inputs)] if inputs else [tuple(sensor.column for sensor in kind) for kind in alike]
     for names in sides if inputs or len(sides) > 1 else []:
-        for rows, after, late in ((1, "after", "late"), (-1, "before", "early")):
-            misfit = _misfit(first, {**at, **{name: np.roll(at[name], -rows) for name in names}})
-            yield f"if {', '.join(names)} are taken from the row {after}: they come a row {late}", misfit
+        for one in _a_row_off(at, names):
+            yield one.words, _misfit(first, {**at, **one.columns})
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """Columns without a mistake, and it in words; of a unit the one they are in, and by what they are multiplied."""
+
+    words: str
+    columns: Mapping[str, Numbers]
+    unit: str = ""
+    factor: float = 1.0
+
+
+def _changes(
+    columns: Mapping[str, Numbers], unit_of: Mapping[str, str], together: Sequence[tuple[str, ...]],
+    alike: Sequence[tuple[str, ...]], data: MeasuredData, own_units: bool,
+) -> Iterator[_Change]:  # fmt: skip
+    """Yield what one mistake may have made of `columns`: units of what is read `together`, signs, two exchanged."""
+    turned = (note for note in data.notes if note.code is Code.UNIT_TURNED)
+    stated = {**data.units, **{name: note.values.get("stated", "") for note in turned for name in note.columns}}
+    for names in together:
+        unit, one = stated.get(names[0]) or unit_of[names[0]], len(names) == 1
+        for other, factor in (factors_near(unit) if unit else _UNKNOWN).items():
+            missing = json.dumps(dict.fromkeys(names, other), ensure_ascii=False)
+            way_out = f"{'looks' if one else 'look'} like {other}; state the unit of the column: units={missing}"
+            if own_units:  # stating a unit changes nothing
+                both = "file and model are in units that differ by this factor"
+                way_out = f"{both}; write one of them in those of the other"
+            elif any(name in stated for name in names):
+                way_out = f"the unit that is stated is wrong by this factor; units={missing} states another"
+            words = f"if {', '.join(names)} {'is' if one else 'are'} multiplied by {factor:.6g}: {way_out}"
+            yield _Change(words, {name: factor * np.asarray(columns[name]) for name in names}, other, factor)
+        if one:
+            words = f"if {names[0]} is multiplied by -1: it counts the other way round"
+            yield _Change(words, {names[0]: -np.asarray(columns[names[0]])})
+    for name, other in dict.fromkeys(pair for names in alike for pair in combinations(names, 2)):
+        words = f"if {name} and {other} are exchanged: each may stand under the name of the other"
+        yield _Change(words, {name: columns[other], other: columns[name]})
+
+
+def _a_row_off(columns: Mapping[str, Numbers], names: tuple[str, ...]) -> Iterator[_Change]:
+    are, come = ("is", "it comes") if len(names) == 1 else ("are", "they come")
+    for rows, after, late in ((1, "after", "late"), (-1, "before", "early")):
+        words = f"if {', '.join(names)} {are} taken from the row {after}: {come} a row {late}"
+        yield _Change(words, {name: np.roll(columns[name], -rows) for name in names})
 
 
 def _changed(

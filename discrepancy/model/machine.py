@@ -186,6 +186,7 @@ class Description:
     `own_units`: the numbers of a file stay in the units that it states, as the model is its owner's.
     `named` tells of quantities whose names depend on the file (the joints of an arm); None for one it does not know.
     `orders` are columns, beside those of its roles, that tell an order, a direction or a speed: column -> the word.
+    `read_from` are columns of which its constraints are computed: in these mistakes of a table are looked for.
     """
 
     columns: tuple[Quantity, ...] = ()
@@ -206,6 +207,7 @@ class Description:
     named: Callable[[str], Quantity | None] | None = None
     own_units: bool = False
     orders: Mapping[str, str] = field(default_factory=dict)
+    read_from: tuple[str, ...] = ()
 
     def quantity(self, name: str) -> Quantity | None:
         """Return the declaration of a quantity; None where there is none."""

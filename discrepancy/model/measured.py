@@ -197,7 +197,7 @@ def complete(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Senso
         if factor != 1:
             turned[name] = numbers[name] * factor
             text = f"{name}: in {stated} from the file, turned into {unit}, the unit of its sensor"
-            data = data.with_note(Code.UNIT_TURNED, text, (name,), unit=unit)
+            data = data.with_note(Code.UNIT_TURNED, text, (name,), unit=unit, stated=stated)
     units = {**data.units, **{name: wanted[name] for name in data.units if name in wanted and name in numbers}}
     data = data.with_columns({**{n: c for n, c in numbers.items() if data[n].dtype.kind != "f"}, **turned})
     data = replace(data, units=units)
@@ -311,11 +311,13 @@ def _numbers(data: MeasuredData, name: str) -> Array:
     return np.asarray(column, dtype=float)
 
 
-def refuse_rows(data: MeasuredData, good: NDArray[np.bool_], why: Callable[[int], str]) -> None:
-    """Raise `DataError` for the first row that is not `good`, (n,), and `why` the row of that index is not."""
+def refuse_rows(
+    data: MeasuredData, good: NDArray[np.bool_], why: Callable[[int], str], error: type[DataError] = DataError
+) -> None:
+    """Raise `error` for the first row that is not `good`, (n,), and `why` the row of that index is not."""
     if not good.all():
         k = int(np.argmin(good))
-        raise DataError(f"{data.name}: {data.rows_named(np.array([k]))}: {why(k)}")
+        raise error(f"{data.name}: {data.rows_named(np.array([k]))}: {why(k)}")
 
 
 _SMALLEST, _LARGEST = 1e-15, 1e6  # of a noise or a resolution [rad, mm, N]: beyond these, squares lose their digits

@@ -197,7 +197,11 @@ REFUSED: dict[str, tuple[str, Callable[[Sheet, str], Sheet], str]] = {
         lambda s, r: s.times(r, 180 / np.pi),
         "radians are needed .mult",
     ),
-    "metres_for_millimetres": ("tracked", lambda s, r: s.times("x", 1e-3).times("y", 1e-3), "x, y look like m: mult"),
+    "metres_for_millimetres": (
+        "tracked",
+        lambda s, r: s.times("x", 1e-3).times("y", 1e-3),
+        "x, y are multiplied by 1000: look like m",
+    ),
     "metres_of_a_gauge": ("orthoglide", lambda s, r: s.times(r, 1e-3), "look like metres, millimetres are needed"),
     "micrometres_of_a_gauge": ("orthoglide", lambda s, r: s.times(r, 1e4), "look like micrometres, millimetres"),
     "metres_on_an_own_machine": (

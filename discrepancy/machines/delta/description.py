@@ -317,5 +317,6 @@ describe(
         corrected=corrected,
         plan=planned,
         targets={"outward": "outward", "skewed": "skewed"},
+        read_from=tuple(one.name for one in _COLUMNS if one.unit in ("mm", "1")),
     ),
 )

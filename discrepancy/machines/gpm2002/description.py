@@ -202,6 +202,7 @@ describe(
         pool=reachable,
         completed=with_tracker,
         targets={"tracker": ""},
+        read_from=(*(f"enc_{i}" for i in LEGS), "x", "y"),
         general=False,  # its list is the one whose rates stand in docs/discovery-statistics.md
     ),
 )

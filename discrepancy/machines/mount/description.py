@@ -273,5 +273,6 @@ describe(
         files={".dat": read_tpoint},
         corrected=pointing_model,
         orders={"side": "side of the pier"},
+        read_from=tuple(f"{of}{name}" for kind in AXES.values() for of in ("", "star_") for name in kind),
     ),
 )

@@ -25,7 +25,15 @@ from calibench.discrepancy.machines.mount.geometry import ARCSEC, AXES, ERRORS, 
 from calibench.discrepancy.model.effect import LinearEffect, NotTestable
 from calibench.discrepancy.model.formulations import Predicted
 from calibench.discrepancy.model.machine import Formulation, Quantities
-from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, positive, refuse_rows, with_numbers
+from calibench.discrepancy.model.measured import (
+    DataError,
+    MeasuredData,
+    MisfitError,
+    Sensor,
+    positive,
+    refuse_rows,
+    with_numbers,
+)
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import Joint, Roles
 from calibench.discrepancy.registries import machines
@@ -40,6 +48,7 @@ _LOWEST = np.radians(-1.0)  # of a star that was seen
 _SHARE = 0.35  # of the residuals that the richest model may spend on its numbers
 _WILD = 5.0  # robust deviations beyond which a star was misidentified
 _MEDIAN = 0.6744897501960817  # of the modulus of a standard Gaussian variable
+_STILL = 1e-9  # of the sum of squares: a fit that tells the noise falls no further
 _ALIKE = 1e-4  # relative size below which a direction of the terms is none: names of one signature
 
 
@@ -154,7 +163,7 @@ def _left_by_all(formulation: Formulation) -> float:
 def _fitted(model: Model, x: Array) -> Array:
     return gauss_newton(
         lambda x: model.residuals(x).ravel(), lambda x: model.jacobian(x).reshape(-1, model.size), x,
-        rank_tolerance=_ALIKE,
+        rank_tolerance=_ALIKE, least_fall=_STILL,
     )  # fmt: skip
 
 
@@ -201,16 +210,16 @@ def accepted(data: MeasuredData) -> tuple[MeasuredData, Kind, float]:
 
     star = geometry.direction(read[names[2]], read[names[3]])
     below = "the star is below the horizon; are latitude, units and hour angles right?"
-    refuse_rows(data, star @ geometry.zenith(kind, latitude) >= np.sin(_LOWEST), lambda k: below)
+    refuse_rows(data, star @ geometry.zenith(kind, latitude) >= np.sin(_LOWEST), lambda k: below, MisfitError)
     frame = geometry.angles(geometry.direction(roll, pitch))
     apart = 2 * np.arcsin(np.clip(np.linalg.norm(star - geometry.direction(*frame), axis=1) / 2, 0, 1))
     if np.median(apart) > _FARTHEST:
-        raise DataError(
+        raise MisfitError(
             f"{data.name}: half of the stars are more than {np.degrees(np.median(apart)):.0f} degrees from where the "
             "mount says that it points; are the units right, and is it the mount that the file states (mount=)?"
         )
     far = "deg from where the mount says that it points; leave the row out"
-    refuse_rows(data, apart <= _FARTHEST, lambda k: f"the star is {np.degrees(apart[k]):.0f} {far}")
+    refuse_rows(data, apart <= _FARTHEST, lambda k: f"the star is {np.degrees(apart[k]):.0f} {far}", MisfitError)
     columns: dict[str, Any] = {names[0]: roll, names[1]: pitch, **dict(zip(FRAME, frame))}
     for name, axis in zip(ERRORS[kind], geometry.tangents(*frame)):
         columns[name] = np.sum(axis * star, axis=1) / ARCSEC

@@ -1,0 +1,108 @@
+"""Columns in a unit that is none of theirs, exchanged, of another sign or a row late are told with their cure."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from calibench.bench import read_measured
+from calibench.discrepancy import DataError, MeasuredData, Predicted, machines
+from calibench.discrepancy.checks.validate import validate
+from calibench.problems.base import Parameter
+from tests.independent import delta, mount
+
+NIGHT = mount.case(0, only="", altaz=False, base=46000)
+PRINTER = next(
+    one for one in (delta.case(k, base=46001) for k in range(99)) if not one.truth and len(one.columns["kind"]) > 40
+)
+ANGLES = ("ha", "dec", "star_ha", "star_dec")
+
+
+def table(path, factors, stated="deg"):
+    """Write the night in units that are larger by `factors` than the stated one."""
+    degrees = {name: np.degrees(NIGHT.columns[name]) / factors.get(name, 1.0) for name in ANGLES}
+    heads = ",".join(f"{name} [{stated}]" for name in ANGLES)
+    np.savetxt(path, np.column_stack([*degrees.values()]), "%.9f", ",", header=heads, comments="")
+    return path
+
+
+def refusal(machine, data):
+    with pytest.raises(DataError) as told:
+        validate(machine if hasattr(machine, "formulate") else machines.make(machine), data)
+    return str(told.value)
+
+
+HOURS, RAD = 15.0, 180 / np.pi
+IN_HOURS, IN_RAD = dict.fromkeys(ANGLES[::2], HOURS), dict.fromkeys(ANGLES, RAD)
+
+
+@pytest.mark.parametrize(
+    "factors",
+    [IN_HOURS, IN_RAD, IN_RAD | IN_HOURS],
+    ids=["hours", "radians", "hours and radians"],
+)
+def test_a_stated_unit_of_a_mount_that_is_wrong_is_told_and_its_cure_cures(tmp_path, factors):
+    path = table(tmp_path / "night.csv", factors)
+    line = refusal("mount", read_measured(path, "mount", NIGHT.stated))
+    cures = [json.loads(found) for found in re.findall(r"units=(\{.*?\})", line)]
+    units = {name: unit for one in cures for name, unit in one.items()}
+    assert units == {name: {HOURS: "h", RAD: "rad"}[factor] for name, factor in factors.items()}
+    validate(machines.make("mount"), read_measured(path, "mount", NIGHT.stated, units=units))
+
+
+def of_night(**columns):
+    return MeasuredData({**NIGHT.columns, **columns}, "mount", NIGHT.stated, "night")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda c: {"star_ha": c["star_dec"], "star_dec": c["star_ha"]}, "star_ha and star_dec are exchanged"),
+        (lambda c: {"star_ha": -c["star_ha"]}, "if star_ha is multiplied by -1"),
+        (lambda c: {n: np.roll(c[n], 1) for n in ANGLES[2:]}, "star_ha, star_dec are taken from the row after"),
+    ],
+    ids=["exchanged", "sign", "a row late"],
+)
+def test_stars_that_the_mount_cannot_have_pointed_at_are_told_with_what_cures_them(change, said):
+    assert said in refusal("mount", of_night(**change(NIGHT.columns)))
+
+
+def of_printer(**columns):
+    return MeasuredData({**PRINTER.columns, **columns}, "delta", PRINTER.metadata, "printer")
+
+
+def test_ways_of_two_towers_that_are_exchanged_at_one_end_are_told():
+    ways = {name: PRINTER.columns[name] for name in PRINTER.columns if name[:5] in ("steps", "trave")}
+    one, other = [name for name in ways if name.endswith(("_a", "_b"))]
+    line = refusal("delta", of_printer(**{one: ways[other], other: ways[one]}))
+    assert f"if {one} and {other} are exchanged" in line
+    assert f"or as near if {one}_2 and {other}_2 are exchanged" in line
+
+
+def test_what_a_machine_lacks_is_no_mistake_of_its_table():
+    assert len(validate(machines.make("mount"), of_night()).data) == len(NIGHT.columns["ha"])
+    bowed = PRINTER.columns["height"] + 0.3 * np.sin(np.arange(len(PRINTER.columns["height"])))
+    validate(machines.make("delta"), of_printer(height=bowed))
+
+
+class CoreXY:
+    name = "corexy"
+
+    def formulate(self, data):
+        def nozzle(q):
+            return np.stack([q["sx"] * (q["a"] + q["b"]) / 2, q["sy"] * (q["a"] - q["b"]) / 2], axis=-1)
+
+        free = tuple(Parameter(name, "1", 1.0, 0.9, 1.1) for name in ("sx", "sy"))
+        return Predicted(data, nozzle, free, {"x": 0.02, "y": 0.02}, inputs=("a", "b"))
+
+
+def test_all_cures_that_fit_alike_are_told():
+    rng = np.random.default_rng(3)
+    a, b = rng.uniform(10, 280, (2, 120))
+    x, y = 1.001 * (a + b) / 2 + 0.02 * rng.normal(size=120), 0.9985 * (a - b) / 2 + 0.02 * rng.normal(size=120)
+    line = refusal(CoreXY(), MeasuredData({"a": a, "b": b, "x": y, "y": x}, "corexy"))
+    assert "if b is multiplied by -1" in line
+    assert "or as near if x and y are exchanged" in line
