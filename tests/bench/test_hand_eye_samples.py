@@ -175,9 +175,13 @@ def test_the_board_in_a_file_of_opencv_joins_the_robot_s_table_in_its_order(benc
 
 
 @pytest.mark.parametrize(
-    "heads", [["x", "y", "z", "qx", "qy", "qz", "qw"], ["qw", "z", "y", "x", "qz", "qy", "qx"], [*"abcdefg"]]
+    ("heads", "words"),
+    [
+        (["x", "y", "z", "qx", "qy", "qz", "qw"], "robot.csv,seen.json"),
+        (["qw", "z", "y", "x", "qz", "qy", "qx"], "seen.json,robot.csv"),
+        ([*"abcdefg"], "robot.csv,seen.json"),
+    ],
 )
-@pytest.mark.parametrize("words", ["robot.csv,seen.json", "seen.json,robot.csv"])
 def test_columns_to_copy_leave_the_board_what_its_names_say(bench, table, tmp_path, heads, words):
     opencv_seen(tmp_path)
     numbers = np.array([seven(one) for one in FLANGE])

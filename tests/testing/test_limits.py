@@ -41,9 +41,9 @@ class Greedy(Bowl):
 
 
 def test_what_hangs_is_told_with_the_law_that_was_tried():
-    said = r"the laws are tried within 1 s; found same_point_has_the_same_value not at its end; .*time_limit=SECONDS"
+    said = r"the laws are tried within 0.5 s; found same_point_has_the_same_value not at its end; .*time_limit=SECONDS"
     with pytest.raises(AssertionError, match=said):
-        testing.check_problem(Hanging(), time_limit=1)
+        testing.check_problem(Hanging(), time_limit=0.5)
 
 
 class Endless:
@@ -53,8 +53,8 @@ class Endless:
 
 
 def test_an_optimiser_that_hangs_is_told_too():
-    with pytest.raises(AssertionError, match="within 1 s; found budget_is_a_wall"):
-        testing.check_optimizer(Endless, time_limit=1)
+    with pytest.raises(AssertionError, match=r"within 0\.5 s; found budget_is_a_wall"):
+        testing.check_optimizer(Endless, time_limit=0.5)
 
 
 def test_a_machine_and_an_effect_that_hang_are_told_too():
@@ -85,11 +85,11 @@ def test_what_takes_all_memory_breaks_a_law():
 
 
 def test_the_laws_of_many_dimensions_take_little_memory():
-    problem = Bowl(5_000)  # a square matrix of it is twice as large as what is allowed
+    problem = Bowl(2_500)  # a square matrix of it is twice as large as what is allowed
     tracemalloc.start()
     try:
         jacobian_agrees_with_differences(problem)
         batch_has_the_bits_of_single_calls(problem)
-        assert tracemalloc.get_traced_memory()[1] < 100e6
+        assert tracemalloc.get_traced_memory()[1] < 25e6
     finally:
         tracemalloc.stop()
