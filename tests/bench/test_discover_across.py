@@ -9,7 +9,7 @@ from calibench import bench, discover
 from calibench.bench.measured.sources import shipped_path
 from tests.bench.test_discover import call
 
-pytestmark = pytest.mark.usefixtures("at_one_noise")
+pytestmark = pytest.mark.usefixtures("at_one_noise", "undrawn")
 
 
 @pytest.fixture(scope="module")

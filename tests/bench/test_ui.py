@@ -19,6 +19,7 @@ from calibench.bench.store.manifest import read_notes
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.tracking import catalogue as of
 from calibench.bench.tracking.catalogue import catalogue
+from tests.bench.conftest import empty_drawings
 from tests.bench.tracked import run_of, study, version
 
 uvicorn = pytest.importorskip("uvicorn", reason="uvicorn is not here: pip install calibench[ui]")
@@ -99,7 +100,7 @@ def ids(results):
 
 
 def test_each_set_of_a_discovery_has_its_page(results, at_one_noise):
-    with pytest.raises(SystemExit):
+    with pytest.raises(SystemExit), empty_drawings():
         main(["discover", "machine=gpm2002", "data=demo_backlash", f"results={results}", "study=searched"])
     [entry] = catalogue(results, ["kind=discovery"])
     assert entry.command.startswith("bench discover machine=gpm2002 data=demo_backlash")

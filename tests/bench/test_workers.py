@@ -20,6 +20,7 @@ from calibench.bench.execution import in_progress
 from calibench.bench.execution.request import made_pair, read_asked
 from calibench.bench.execution.run import Spec
 from calibench.bench.store.runs import ResultStore
+from calibench.bench.workers import processes
 from calibench.bench.workers.carrier import Job, Packs
 from calibench.bench.workers.processes import Processes
 from calibench.core import own_state
@@ -187,6 +188,7 @@ def test_the_run_that_a_worker_was_lost_with_goes_alone_and_is_at_fault_the_seco
 
 def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatch):
     monkeypatch.setattr(in_progress, "SILENT", 0.3)
+    monkeypatch.setattr(processes, "publishing", lambda publish: in_progress.publishing(publish, 0.1))
     words = {"kind": "hang"}
     store = ResultStore("results/hung")
     store.open()
