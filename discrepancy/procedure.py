@@ -142,8 +142,8 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
             text = f"the formula was looked for on {kept} of {rows} rows, evenly spaced, and fitted to all of them"
             note = Note(Code.ROWS_THINNED, text, values={"kept": kept, "rows": rows})
             notes_of_noise = (*notes_of_noise, note) if kept < rows else notes_of_noise
-    if standing is not None and verdict in ("unknown", "partly"):  # what was found may explain the rows
-        standing = standing_out(final, unseen)
+    if standing is not None and verdict in ("unknown", "partly"):
+        standing = standing.beside(standing_out(final, unseen))
     doubted = base.noise.profiled and not unknown_noise_of(base.model.formulation)
     others = _at_other_noise(base, known.candidates, terms, suspects, rest, seed, level) if doubted else ()
     # the sizes of all rows; the gap stays that of names and sizes of the searched rows, on rows that were not fitted

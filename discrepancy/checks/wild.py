@@ -16,6 +16,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from math import pi
 from typing import final
@@ -269,42 +270,50 @@ def formulated(machine: Machine, data: MeasuredData) -> Formulation:
     groups += [tuple(n for n in table if unit_of[n] == unit) for unit in dict.fromkeys(unit_of.values())]
     together = [*dict.fromkeys((*groups, *((name,) for name in table)))]
     changes = [one for one in _changes(table, unit_of, together, groups, data, known.own_units) if one.unit in _USUAL]
-    changes += [one for names in groups for one in _a_row_off(table, names)]
-    stands = made is not None
-    now = _left(machine, data) if stands else np.inf
-    cures = [(one.words, _left(machine, data, one, stands=stands)) for one in changes]
-    best = min(left for _, left in cures)
-    if not stands or off > _FALLS:
+    changes += [one for names in groups if len(names) < len(table) for one in _a_row_off(table, names)]
+    left = partial(_left, machine, data, stands=made is not None)
+    now = np.inf if made is None else left(())
+    cures: dict[tuple[_Change, ...], float] = {(one,): left((one,)) for one in changes}
+    best = min(cures.values())
+    if made is None or off > _FALLS:
         units = [one for one in changes if one.unit in _PAIRED and tuple(one.columns) in groups]
         pairs = [(one, other) for one, other in combinations(units, 2) if not {*one.columns} & {*other.columns}]
-        two = [(f"{a.words}, and {b.words}", _left(machine, data, a, b, stands=stands)) for a, b in pairs]
-        of_two = min((left for _, left in two), default=np.inf)
-        cures, best = (two, of_two) if of_two < best - np.log(_FALLS) else (cures, best)
-    if best < now - np.log(_FALLS):
-        alike = [words for words, left in cures if left <= best + np.log(_ALIKE)][:_CURES]
-        times = plain(np.exp(now - best), 2)
-        said = f"{said}; the readings fit it" if said else f"{data.name}: calibration leaves {times} times less"
-        raise DataError(f"{said} {'; or as near '.join(alike)}")
+        two: dict[tuple[_Change, ...], float] = {pair: left(pair) for pair in pairs}
+        if min(two.values(), default=np.inf) < best - np.log(_FALLS):
+            cures, best = two, min(two.values())
+    cures = {cure: rest for cure, rest in cures.items() if rest <= best + np.log(_ALIKE)}
+    if best < now - np.log(_FALLS) and not off * np.exp(best - now) > _FAR_OUT:
+        # so it is in some rows; now in all of them, the wild ones with small weights
+        now = np.inf if made is None else left((), surely=True)
+        cures = {cure: rest for cure in [*cures][:_CURES] if (rest := left(cure, surely=True)) < now - np.log(_FALLS)}
+        if cures:
+            times = plain(np.exp(now - min(cures.values())), 2)
+            said = f"{said}; the readings fit it" if said else f"{data.name}: calibration leaves {times} times less"
+            raise DataError(f"{said} {'; or as near '.join(', and '.join(c.words for c in cure) for cure in cures)}")
     if made is None:
         raise DataError(said)
     return made
 
 
-def _left(machine: Machine, data: MeasuredData, *changes: _Change, stands: bool = True) -> float:
+def _left(
+    machine: Machine, data: MeasuredData, changes: Sequence[_Change], *, stands: bool, surely: bool = False
+) -> float:  # fmt: skip
     """Return the logarithm of what calibration leaves of a table with changes, in the units of the table as it stands.
 
     Where that one `stands` by itself, any may be nearer; else infinity is returned of one that is far from the machine.
     """
     known = description_of(machine.name)
     noise = {one.key: 1.0 for one in known.stated or () if one.key.startswith("sigma")}
-    few = np.unique(np.linspace(1, len(data) - 2, min(len(data), _FEW)).astype(int))  # of the ends a row may be missing
+    most = _ROWS if surely else _FEW
+    few = np.unique(np.linspace(1, len(data) - 2, min(len(data), most)).astype(int))  # of the ends a row may be missing
     changed = {name: column for one in changes for name, column in one.columns.items()}
     data = replace(data.with_columns(changed).rows(few), metadata={**noise, **data.metadata})
     try:
         made = machine.formulate(data)
         with np.errstate(all="ignore"):
             model = Model(made)
-            x = weighted_fit(model, model.start, np.ones(np.shape(model.residuals(model.start))))
+            even = np.ones(np.shape(model.residuals(model.start)))
+            x = robust(model, even) if surely else weighted_fit(model, model.start, even)
             left = np.asarray(model.residuals(x))
             if left.size < _ROWS_A_PARAMETER * model.size:
                 return np.inf

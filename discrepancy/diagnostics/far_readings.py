@@ -7,7 +7,7 @@ missing. Apart from it, rows stand out that no law of the noise explains: one by
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -120,6 +120,12 @@ class Standing:
     size: float
     others: Mask
 
+    def beside(self, left: "Standing | None") -> "Standing | None":
+        """Return those runs of which what was found leaves rows standing out: a curve through them bends others."""
+        rows = {row for run in left.runs for row in run} if left is not None else set()
+        runs = tuple(run for run in self.runs if rows & {*run})
+        return replace(self, runs=runs) if runs else None
+
 
 _ALONE, _TOGETHER = 1e-4, 1e-2  # chance of a row by itself, and of rows close together, anywhere in the data
 _FAR = (0.01,)  # chances, by the law, of rows that count as far off in a run
@@ -175,6 +181,10 @@ def standing_out(final: Fit, unseen: Formulation | None) -> Standing | None:
     runs = [order[run] for run in np.split(rows, np.flatnonzero(np.diff(rows) > _GAP) + 1) if len(run)]
     if not runs:
         return None
+    if final.noise.autocorrelation:  # what a far row carries on is taken from the row behind it, which is sound itself
+        own = np.abs(final.at.misclosure)
+        far = np.any(own > _CORES * 1.4826 * np.median(own[others], axis=0), axis=1)
+        runs = [run[: np.flatnonzero(far[run]).max(initial=-1) + 1 or len(run)] for run in runs]
     rows = np.concatenate(runs)
     times = float(np.sqrt(np.mean(left[rows][left[rows] != 0] ** 2))) / _core(left[others])
     sensor, size = _sensor(left, parts, runs)
