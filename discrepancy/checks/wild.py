@@ -133,6 +133,7 @@ _FALLS = 2.0  # times less than what is left, or by one mistake less: what a mod
 _PAIRED = ("rad", "deg", "h", "mm", "m", "cm", "inch")  # units in which tables of whole machines are written
 _USUAL = (*_PAIRED, "gon", "")
 _CALM = 1.3  # times the noise: where calibration leaves less, no mistake is looked for
+_OF_FEW = 20.0  # constraints: of so few what is left falls twice as far by chance
 _ROWS_A_PARAMETER = 4.0  # at least: of fewer a fit is near to any table
 _FEW = 60  # rows of a table that is formulated many times
 _TINY = 1e-12  # of a constraint
@@ -273,19 +274,21 @@ def formulated(machine: Machine, data: MeasuredData) -> Formulation:
     changes += [one for names in groups if len(names) < len(table) for one in _a_row_off(table, names)]
     left = partial(_left, machine, data, stands=made is not None)
     now = np.inf if made is None else left(())
+    count = np.inf if made is None else Model(made).residuals(Model(made).start).size
+    falls = np.log(_FALLS * (1 + _OF_FEW / count))
     cures: dict[tuple[_Change, ...], float] = {(one,): left((one,)) for one in changes}
     best = min(cures.values())
     if made is None or off > _FALLS:
         units = [one for one in changes if one.unit in _PAIRED and tuple(one.columns) in groups]
         pairs = [(one, other) for one, other in combinations(units, 2) if not {*one.columns} & {*other.columns}]
         two: dict[tuple[_Change, ...], float] = {pair: left(pair) for pair in pairs}
-        if min(two.values(), default=np.inf) < best - np.log(_FALLS):
+        if min(two.values(), default=np.inf) < best - falls:
             cures, best = two, min(two.values())
     cures = {cure: rest for cure, rest in cures.items() if rest <= best + np.log(_ALIKE)}
-    if best < now - np.log(_FALLS) and not off * np.exp(best - now) > _FAR_OUT:
+    if best < now - falls and not off * np.exp(best - now) > _FAR_OUT:
         # so it is in some rows; now in all of them, the wild ones with small weights
         now = np.inf if made is None else left((), surely=True)
-        cures = {cure: rest for cure in [*cures][:_CURES] if (rest := left(cure, surely=True)) < now - np.log(_FALLS)}
+        cures = {cure: rest for cure in [*cures][:_CURES] if (rest := left(cure, surely=True)) < now - falls}
         if cures:
             times = plain(np.exp(now - min(cures.values())), 2)
             said = f"{said}; the readings fit it" if said else f"{data.name}: calibration leaves {times} times less"
