@@ -36,6 +36,7 @@ from calibench.discrepancy.registries import description_of
 from calibench.problems.base import Array
 
 _FAR_OUT = 12.0  # times the middle size of what is left
+_BESIDE, _OF_TREND = 2, 0.3  # rows on either side, and part of how far a row lies out
 _MOST = 0.03  # of the readings
 _ALONE, _TWICE = 3.0, 2.0  # times the middle one, and times what is left of any other row, of a row that stands alone
 _ROUNDS = 6
@@ -61,7 +62,10 @@ def without_wild(formulation: Formulation, machine: str = "machine", isolated: b
         return data
     size /= middle
     far = size.max(axis=1)
-    wild = far > _FAR_OUT
+    # an end of a trend lies far out with the rows beside it, and is none
+    first = np.clip(np.arange(len(far)) - _BESIDE, 0, max(len(far) - 2 * _BESIDE - 1, 0))
+    beside = np.median(far[np.minimum(first[:, None] + np.arange(2 * _BESIDE + 1), len(far) - 1)], axis=1)
+    wild = (far > _FAR_OUT) & (beside < _OF_TREND * far)
     if isolated:  # far out, and twice as far as all others; what the machine does twice is no accident
         order = np.sort(far)[::-1]
         after = np.flatnonzero((order[:-1] > _ALONE) & (order[:-1] > _TWICE * order[1:]))

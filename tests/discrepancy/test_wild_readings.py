@@ -79,6 +79,14 @@ def test_what_lies_no_further_than_others_is_kept() -> None:
     assert len(without_wild(Rail().formulate(bump), isolated=True)) == ROWS
 
 
+def test_the_end_of_a_trend_is_kept_and_a_misread_pair_beside_it_is_not() -> None:
+    """A rail that warms up errs most in its first row."""
+    warming = _readings()
+    warming = warming.with_columns({"laser": warming["laser"] + 0.05 * np.exp(-np.arange(ROWS) / 3)})
+    assert len(without_wild(Rail().formulate(warming))) == ROWS
+    assert len(without_wild(Rail().formulate(_readings(wild=40 * NOISE, rows=slice(70, 72))))) == ROWS - 2
+
+
 def test_what_a_repeat_confirms_is_kept() -> None:
     once = _readings(wild=40 * NOISE)
     twice = {name: np.repeat(value, 2) for name, value in once.columns.items()}
