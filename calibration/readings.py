@@ -221,7 +221,8 @@ def _readings(table: Table, chain: Chain, observe: str, copies: bool, option: st
     bases |= dict.fromkeys(matched.rotation.values(), "rad") if len(matched.rotation) == 3 else {}
     for column, base in bases.items():
         if (unit := table.units.get(column, base)) != base:
-            raise DataError(f"column {column} is in {unit}, and {base} or a like unit is needed")
+            turned = (n.values.get("stated") for n in table.notes if n.code is Code.UNIT_TURNED and column in n.columns)
+            raise DataError(f"column {column} is in {next(turned, unit)}, and {base} or a like unit is needed")
     beside = _beside(given, matched)
     names = [name for name in beside if is_called_joint(name, matched.joints.values())]
     if chain.source == "table" and names:

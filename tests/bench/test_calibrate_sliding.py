@@ -69,6 +69,15 @@ def lifter(tmp_path, monkeypatch):
     return tmp_path
 
 
+def test_a_unit_of_another_kind_is_told_as_the_file_has_it(lifter, capsys):
+    table = (lifter / "lifter.csv").read_text()
+    (lifter / "lifter.csv").write_text(table.replace("lift [mm]", "lift [°]", 1))
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", "urdf=lifter.urdf", "data=lifter.csv", "page=false"])
+    assert ended.value.code == 2
+    assert "column lift is in °, and mm or a like unit is needed" in capsys.readouterr().err
+
+
 def test_the_readings_left_of_a_joint_that_slides_are_in_mm_with_its_direction(lifter, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["calibrate", "urdf=lifter.urdf", "data=lifter.csv", "page=false", "--json"])
