@@ -150,9 +150,10 @@ class Tables:
             names = list(columns or schema.names)  # in groups: all at once take thrice the memory
             groups = [file.read_row_group(i, names, use_threads=False) for i in range(file.num_row_groups)]
             table = pa.concat_tables(groups or [file.read(names)])
+            stored = file.schema_arrow  # made anew by each look
             for i, field in enumerate(schema):
-                if pa.types.is_dictionary(file.schema_arrow.field(field.name).type):
-                    schema = schema.set(i, file.schema_arrow.field(field.name))
+                if pa.types.is_dictionary(stored.field(field.name).type):
+                    schema = schema.set(i, stored.field(field.name))
             return in_schema(table, schema, columns)
         except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
             raise unreadable(self.folder / name, error, f"; {_LEFT}") from None
