@@ -249,8 +249,9 @@ def _entry_of(folder: Path, entry: Entry) -> Entry | None:
     return replace(
         entry, kind="discovery", command=command,
         when=began.isoformat(timespec="seconds") if began else _when_of(folder),
-        status=_status(len(rows), failed, 0), machine=_names(row["machine"] for row in rows), planned=len(rows),
-        done=len(rows), failed=failed, commit=last.get("git_commit") or "", dirty=bool(last.get("git_dirty")),
+        status="failed" if failed else "ok" if rows else "empty", machine=_names(row["machine"] for row in rows),
+        planned=len(rows), done=len(rows), failed=failed, commit=last.get("git_commit") or "",
+        dirty=bool(last.get("git_dirty")),
         headline=", ".join(f"{verdict} in {n} of {len(rows)}" for verdict, n in verdicts.most_common()),
     )  # fmt: skip
 
@@ -298,20 +299,17 @@ def _of_runs(folder: Path, entry: Entry) -> Entry:
         unit = f" {group['unit']}" if group["unit"] else ""
         headline = f"lowest {plain(group['best_value_min'])}{unit} by {group['optimizer']}"
     began = last.get("started_at")
+    status: Status = "failed" if count["failed"] + count["timeout"] else "ok" if finished else "empty"
     return replace(
         entry,
         when=began.isoformat(timespec="seconds") if began and not journaled else _when_of(folder),
-        status=_status(len(finished), count["failed"] + count["timeout"], remaining),
+        status="unfinished" if remaining else status,
         problem=_names(group["problem"] for group in groups), optimizer=_names(group["optimizer"] for group in groups),
         budget=tuple(sorted(budgets)), planned=len(planned), done=len(finished), failed=count["failed"],
         timeouts=count["timeout"], remaining=remaining, in_journals=len(journaled), headline=headline,
         commit=last.get("git_commit") or "", dirty=bool(last.get("git_dirty")),
         command=(manifest.get("commands") or [""])[-1],
     )  # fmt: skip
-
-
-def _status(done: int, failed: int, remaining: int) -> Status:
-    return "unfinished" if remaining else "failed" if failed else "ok" if done else "empty"
 
 
 def _names(found: Iterable[Any]) -> tuple[str, ...]:

@@ -327,8 +327,11 @@ class LocalModel:
         p, n = at.parameters[0], len(at.inputs)
         offsets: dict[str, list[Any]] = {}
         for v in variables:
-            rough = v.name in self.rough
-            offsets[v.name] = self._fan(v, at) if rough else [*self._offsets(v, self.steps[v.name], p)]
+            h = self.steps[v.name]
+            offsets[v.name] = [*self._offsets(v, h, p)]
+            if v.name in self.rough:  # four about the values of the place, or further within the limits
+                here = at.inputs[:, v.at] if v.is_input else p[v.at]
+                offsets[v.name] = [self._inward(v, here, 3 * h) - here + k * h for k in _FAN]
         answers = iter(self.caller.ask([_varied(v, at.inputs, p, s) for v in variables for s in offsets[v.name]]))
         for v in variables:
             h, off = self.steps[v.name], offsets[v.name]
@@ -363,12 +366,6 @@ class LocalModel:
         if v.is_input or (p[v.at] - h >= v.lower and p[v.at] + h <= v.upper):
             return h, -h
         return (h, 2 * h) if p[v.at] - h < v.lower else (-h, -2 * h)
-
-    def _fan(self, v: Variable, at: Place) -> list[Any]:
-        """Return four offsets about the values of a place, or about values further within the limits."""
-        here, h = at.inputs[:, v.at] if v.is_input else at.parameters[0, v.at], self.steps[v.name]
-        middle = self._inward(v, here, 3 * h) - here
-        return [middle + k * h for k in _FAN]
 
     def _inward(self, v: Variable, values: Any, reach: float) -> Any:
         """Return values that are at least `reach` within the limits of a variable, of an input within its range."""
