@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calibench.core.notes import Code, Note
 from calibench.core.process import one_thread
 from calibench.discrepancy import report as reports
-from calibench.discrepancy.checks.validate import Asked, refuse_unused, validate
+from calibench.discrepancy.checks.validate import Asked, refuse_mistaken, refuse_unused, validate
 from calibench.discrepancy.diagnostics import noise as noises
 from calibench.discrepancy.diagnostics.far_readings import Pattern, Standing, standing_out
 from calibench.discrepancy.diagnostics.score import smallest_amplitude, uncancelled
@@ -134,6 +134,7 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
         verdict = "partly"  # without repeats the noise is unknown, so only the tests can say whether something is left
     formula: reports.Formula | None = None
     if verdict in ("unknown", "partly"):
+        refuse_mistaken(machine, data)
         after, formula = with_formula(selection.fit if findings else base, final, free, whole, seed)
         if formula is not None:
             final = after

@@ -40,6 +40,11 @@ def looked_at(machine: Machine, data: MeasuredData) -> Formulation:
     return _tame(formulated(machine, entered(data)))
 
 
+def refuse_mistaken(machine: Machine, data: MeasuredData) -> None:
+    """Raise `DataError` where data, of which a search could not name all, fit far better without a mistake."""
+    formulated(machine, _in_order(entered(data)), unnamed=True)
+
+
 def validate(machine: Machine, data: MeasuredData) -> Formulation:
     """Return the formulation of `data` after all checks, its rows in the order of reading and with their places in it.
 

@@ -245,11 +245,13 @@ def without_wild_rows(formulation: Formulation) -> Formulation:
     return formulation.on(data.rows(~wild).with_note(Code.ROWS_WILD, text, rows=data.labels(wild)))
 
 
-def formulated(machine: Machine, data: MeasuredData) -> Formulation:
+def formulated(machine: Machine, data: MeasuredData, unnamed: bool = False) -> Formulation:
     """Return `machine.formulate(data)`; raise `DataError` for a table that fits far better without a mistake, or two.
 
     What a machine makes its constraints of (`read_from`) may be in another unit, of another sign, or exchanged. Tables
-    without such a mistake are formulated and calibrated, and what is left is compared in the units of the file.
+    without such a mistake are formulated and calibrated, and what is left is compared in the units of the file. As the
+    fits take time, a table whose rest is no larger than what a model may lack is looked at only if a search found it
+    `unnamed`.
     """
     made, said = None, ""
     try:
@@ -266,7 +268,7 @@ def formulated(machine: Machine, data: MeasuredData) -> Formulation:
     if made is not None and {column.name for column in read} <= {*made.readings, *inputs_of(made)}:
         return made  # `refuse_wild` looks at these
     off = 0.0 if made is None else _in_noise(made)
-    if made is not None and _LOW < off < _CALM:
+    if made is not None and _LOW < off < (_CALM if unnamed else _FAR_OUT):
         return made
     table = {column.name: data[column.name] for column in read if data[column.name].dtype.kind in "iuf"}
     unit_of = {column.name: column.unit for column in read if column.name in table}

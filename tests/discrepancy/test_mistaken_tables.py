@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from calibench.bench import read_measured
-from calibench.discrepancy import DataError, MeasuredData, Predicted, machines
-from calibench.discrepancy.checks.validate import validate
+from calibench.discrepancy import DataError, MeasuredData, Predicted, explain, machines
+from calibench.discrepancy.checks.validate import refuse_mistaken, validate
 from calibench.problems.base import Parameter
 from tests.independent import delta, mount
 
@@ -29,9 +29,9 @@ def table(path, factors, stated="deg"):
     return path
 
 
-def refusal(machine, data):
+def refusal(machine, data, check=validate):
     with pytest.raises(DataError) as told:
-        validate(machine if hasattr(machine, "formulate") else machines.make(machine), data)
+        check(machine if hasattr(machine, "formulate") else machines.make(machine), data)
     return str(told.value)
 
 
@@ -46,11 +46,16 @@ IN_HOURS, IN_RAD = dict.fromkeys(ANGLES[::2], HOURS), dict.fromkeys(ANGLES, RAD)
 )
 def test_a_stated_unit_of_a_mount_that_is_wrong_is_told_and_its_cure_cures(tmp_path, factors):
     path = table(tmp_path / "night.csv", factors)
-    line = refusal("mount", read_measured(path, "mount", NIGHT.stated))
+    line = refusal("mount", read_measured(path, "mount", NIGHT.stated), refuse_mistaken)
     cures = [json.loads(found) for found in re.findall(r"units=(\{.*?\})", line)]
     units = {name: unit for one in cures for name, unit in one.items()}
     assert units == {name: {HOURS: "h", RAD: "rad"}[factor] for name, factor in factors.items()}
-    validate(machines.make("mount"), read_measured(path, "mount", NIGHT.stated, units=units))
+    refuse_mistaken(machines.make("mount"), read_measured(path, "mount", NIGHT.stated, units=units))
+
+
+def test_a_search_that_finds_no_name_looks_for_a_mistake_of_the_table(tmp_path):
+    path = table(tmp_path / "night.csv", IN_HOURS)
+    assert 'units={"ha": "h", "star_ha": "h"}' in refusal("mount", read_measured(path, "mount", NIGHT.stated), explain)
 
 
 def of_night(**columns):
@@ -83,9 +88,9 @@ def test_ways_of_two_towers_that_are_exchanged_at_one_end_are_told():
 
 
 def test_what_a_machine_lacks_is_no_mistake_of_its_table():
-    assert len(validate(machines.make("mount"), of_night()).data) == len(NIGHT.columns["ha"])
+    refuse_mistaken(machines.make("mount"), of_night())
     bowed = PRINTER.columns["height"] + 0.3 * np.sin(np.arange(len(PRINTER.columns["height"])))
-    validate(machines.make("delta"), of_printer(height=bowed))
+    refuse_mistaken(machines.make("delta"), of_printer(height=bowed))
 
 
 class CoreXY:
