@@ -258,7 +258,7 @@ def formulated(machine: Machine, data: MeasuredData, unnamed: bool = False) -> F
         made = machine.formulate(data)
     except MisfitError as error:
         said = str(error)
-    if made is not None and getattr(made, "constraints", None) is None:
+    if not said and getattr(made, "constraints", None) is None:
         raise DataError(
             f"{machine.name}: formulate(data) returned {type(made).__name__}; Predicted(...), Constraints(...) or "
             "Blocks(...) is needed"
@@ -283,7 +283,7 @@ def formulated(machine: Machine, data: MeasuredData, unnamed: bool = False) -> F
     count = np.inf if made is None else Model(made).residuals(Model(made).start).size
     falls = np.log(_FALLS * (1 + _OF_FEW / count))
     cures: dict[tuple[_Change, ...], float] = {(one,): left((one,)) for one in changes}
-    best = min(cures.values())
+    best = min(cures.values(), default=np.inf)
     if made is None or off > _FALLS:
         units = [one for one in changes if one.unit in _PAIRED and tuple(one.columns) in groups]
         pairs = [(one, other) for one, other in combinations(units, 2) if not {*one.columns} & {*other.columns}]

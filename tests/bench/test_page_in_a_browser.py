@@ -117,6 +117,8 @@ def test_the_goal_is_said_with_its_value_and_its_line_fits_a_phone(opened):
     assert captions == [f"To the goal {error} ≤ 1e-18 mm⁴, the rounding floor" for error in ("J2", "J2", "J3")]
     ends = "[...document.querySelectorAll('tr.part span')].map(span => span.getBoundingClientRect().right)"
     assert max(one.page.evaluate(ends)) < 400
+    success = "document.querySelector('#suite .scroll')"
+    assert one.page.evaluate(f"{success}.scrollWidth - {success}.clientWidth") == 0
 
 
 class Noisy:

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibench.discrepancy.checks.validate import validate
 from calibench.discrepancy.fitting.fit import reading_order
-from calibench.discrepancy.procedure import in_order
 from calibench.discrepancy.registries import machines
 from tests.foreign.causes import FOREIGN, noise
 from tests.foreign.machines import MACHINES
@@ -56,7 +56,7 @@ def test_the_interval_of_none_of_many_is_narrow() -> None:
 @pytest.mark.parametrize("name", sorted(MACHINES))
 def test_rows_keep_their_place_in_the_order_of_reading_when_others_are_left_out(name: str, tmp_path: Path) -> None:
     machine, data = handed(case("sound", 7, machine=name, rows=60), tmp_path)
-    whole = in_order(machines.make(machine) if isinstance(machine, str) else machine, data).data
+    whole = validate(machines.make(machine) if isinstance(machine, str) else machine, data).data
     kept = np.arange(len(whole)) % 4 < 2
     np.testing.assert_array_equal(reading_order(whole.rows(kept)), np.flatnonzero(kept))
 
