@@ -243,6 +243,9 @@ class Predicted:
         deviations = [stated for stated in self.measured.values() if isinstance(stated, str)]
         read = tuple(dict.fromkeys((*self.measured, *self.inputs, *deviations)))
         object.__setattr__(self, "data", _complete(self, read))
+        if self.of_rows is not None:  # of the rows that are left
+            predict, given = self.of_rows(self.data)
+            vars(self).update(predict=predict, _given=given)
         for name, sigma in self.sigma.items():
             least = np.min(sigma)
             if not (self.measured[name] is None or (np.isfinite(least) and least > 0)):
