@@ -15,6 +15,7 @@ from scipy.spatial import KDTree
 
 from calibench.calibration import loci as kinds
 from calibench.calibration.columns import (
+    ARM,
     DISTANCE_TO,
     PLANE,
     POSITION,
@@ -105,7 +106,7 @@ def table_of(
             )
         names = names or [f"column_{k}" for k in range(1, numbers.shape[1] + 1)]
         given = dict(zip(names, numbers.T, strict=True))
-    content = in_base_units(rename(named_columns(given, name), columns or {}, units or {}, of=name))
+    content = in_base_units(rename(named_columns(given, name, declared=ARM), columns or {}, units or {}, of=name))
     return Table.of(content.columns, name, units=content.units)
 
 

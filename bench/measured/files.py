@@ -116,7 +116,7 @@ def read_columns(
     """
     where = Path(path) if isinstance(path, str | Path) else "data"
     try:
-        raw = _read(where, declared) if isinstance(where, Path) else _named(path)
+        raw = _read(where, declared) if isinstance(where, Path) else _named(path, declared)
         content = raw if isinstance(raw, Columns) else columns_of(raw, declared)
         before = raw.metadata if isinstance(raw, Columns) else _metadata(Path(where), raw.comment)
         metadata = {**before, **(stated or {})}
@@ -139,11 +139,11 @@ def read_columns(
         raise DataError(f"{where}: cannot be read: {error.strerror or _one_line(error)}") from None
 
 
-def _named(given: Any) -> Columns:
+def _named(given: Any, declared: Declared) -> Columns:
     """Return columns that are given by name, a mapping or a table of pandas; words among them as of a file."""
     if not is_table(given):
         raise DataError(f"is a {type(given).__name__}: a file, MeasuredData, a DataFrame or a mapping is needed")
-    named = named_columns(given)
+    named = named_columns(given, declared=declared)
     columns = {
         name: _as_numpy(name, pa.chunked_array([pa.array(column, from_pandas=True)]))
         for name, column in named.columns.items()

@@ -149,10 +149,11 @@ def is_table(given: object) -> TypeGuard[Mapping[str, Any]]:
     return hasattr(given, "keys") and hasattr(given, "__getitem__")
 
 
-def named_columns(given: Any, name: str = "data", bare: Collection[str] = ()) -> Columns:
+def named_columns(given: Any, name: str = "data", bare: Collection[str] = (), declared: Declared = ANY) -> Columns:
     """Return the columns of a mapping or of a table of pandas, and the units that stand in their heads, ``x [m]``.
 
-    Heads that are `bare` are names as they are. Raises `DataError` for columns that differ in length.
+    Heads that are `bare` are names as they are. Words and objects are read as the cells of a file. Raises `DataError`
+    for columns that differ in length, and for a cell that is no number among numbers.
     """
     columns = {str(key): np.asarray(given[key]) for key in given.keys()}  # noqa: SIM118  # of a DataFrame
     shapes = {key: column.shape for key, column in columns.items()}
@@ -160,7 +161,20 @@ def named_columns(given: Any, name: str = "data", bare: Collection[str] = ()) ->
         raise DataError(f"{name}: columns of one length are needed, and these have {shapes or 'none'}")
     names, units = heads([key for key in columns if key not in bare])
     told = iter(names)
-    return Columns({key if key in bare else next(told): column for key, column in columns.items()}, units=units)
+    keys = {key if key in bare else next(told): column for key, column in columns.items()}
+    return Columns({key: _of_cells(key, column, declared) for key, column in keys.items()}, units=units)
+
+
+def _of_cells(name: str, column: Any, declared: Declared) -> Any:
+    """Return a column of words or objects as if its cells stood in a file; any other as it is."""
+    if column.dtype.kind not in "OU":
+        return column
+    cells = ["" if no_value(str(one)) and not isinstance(one, str) else str(one).strip() for one in column.tolist()]
+    if name in declared.words:
+        return as_words(name, cells)
+    cells = with_points({name: cells})[name]
+    seconds = _seconds(name, cells, None, declared)
+    return seconds[0] if seconds else _numbers(name, cells, declared)
 
 
 def columns_of(table: Table, declared: Declared = ANY) -> Columns:

@@ -41,6 +41,16 @@ def test_a_table_of_pandas_and_an_array_give_what_columns_give(arm, read, answer
         assert again.to_dict()["changes"] == answer.to_dict()["changes"]
 
 
+def test_words_and_objects_of_a_table_of_pandas_are_read_as_the_cells_of_a_file(arm, read, answer):
+    frame = pd.DataFrame(read, columns=[*NAMES, "x", "y", "z"])
+    again = calibench.calibrate(arm, frame.astype(str))
+    assert again.to_dict()["changes"] == answer.to_dict()["changes"]
+    lost = frame.assign(x=frame["x"].astype(object).where(frame.index != 3, None))
+    assert calibench.calibrate(arm, lost).poses == len(frame) - 1
+    with pytest.raises(DataError, match=r"column x, reading 1: '.* mm' is no number; .* unit in the heading"):
+        calibench.calibrate(arm, frame.assign(x=[f"{x} mm" for x in frame["x"]]))
+
+
 def test_the_command_line_gives_the_same_numbers(arm, read, answer, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     heads = ",".join((*NAMES, "x", "y", "z"))
