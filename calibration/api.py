@@ -4,9 +4,11 @@ Readings are a mapping of columns, a pandas DataFrame, or an array with the name
 stands in its name, ``x [m]``, or in `units`; without either it is found by what fits the arm, and a note says so.
 """
 
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -18,15 +20,40 @@ from calibench.calibration.model import KNOWN_TO
 from calibench.calibration.poses import OFF, By, Design, Limits, design_poses
 from calibench.calibration.readings import table_of
 from calibench.calibration.start import HowRead
+from calibench.core.options import Range, declared_options
+
+P = ParamSpec("P")
+R = TypeVar("R")
+Observe = Literal["", "position", "pose", "sockets"]
+_Positive = Annotated[float, Range(0, above=True)]
+_PositiveOrNone = Annotated[float | None, Range(0, above=True)]
+_NotNegative = Annotated[float, Range(0)]
 
 
+def _checked(call: Callable[P, R]) -> Callable[P, R]:
+    """Return `call`, whose options are taken in the types and ranges that its signature states, or refused by name."""
+    declared, signature = declared_options(call), inspect.signature(call)
+
+    @wraps(call)
+    def checked(*args: P.args, **kwargs: P.kwargs) -> R:
+        given = signature.bind(*args, **kwargs)
+        for name, value in given.arguments.items():
+            plain = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+            given.arguments[name] = value if declared[name].type is Any else declared[name].taken(name, plain)
+        return call(*given.args, **given.kwargs)
+
+    return checked
+
+
+@_checked
 def calibrate(
-    urdf_or_table: str | Path | Arm, readings: Any, *, observe: str = "", rotation: str = "", limits: bool = True,
-    distance: float = 0.0, sigma_distance: float = KNOWN_TO, level: Level = "auto", resamples: int = 200,
+    urdf_or_table: str | Path | Arm, readings: Any, *, observe: Observe = "", rotation: str = "", limits: bool = True,
+    distance: _NotNegative = 0.0, sigma_distance: _Positive = KNOWN_TO, level: Level = "auto",
+    resamples: Annotated[int, Range(20)] = 200,
     columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None, names: Sequence[str] = (),
     name: str = "readings", base: str = "", tip: str = "", convention: str = "",
     priors: Mapping[str, tuple[float, float]] | None = None,
-    hand_eye: Mounting | None = None, read: Read = "", board_scale: float = 1.0,
+    hand_eye: Mounting | None = None, read: Read = "", board_scale: _Positive = 1.0,
 ) -> Calibration:  # fmt: skip
     """Return the calibration of the arm in a URDF, or in a table of joints (CSV, Excel), by `readings`.
 
@@ -49,12 +76,12 @@ def calibrate(
     )  # fmt: skip
 
 
+@_checked
 def design(
-    urdf_or_table: str | Path | Arm, count: int, readings: Any = None, *, by: By = "D", sigma: float | None = None,
-    sigma_rotation: float | None = None, observe: str = "", rotation: str = "",
-    target: Sequence[float] = (0.0, 100.0, 100.0), limits: Limits | None = None,
-    box: Sequence[Sequence[float]] | None = None, keep_out: Sequence[Sequence[Sequence[float]]] = (),
-    off: float = OFF, seed: int = 0, columns: Mapping[str, str] | None = None,
+    urdf_or_table: str | Path | Arm, count: Annotated[int, Range(1)], readings: Any = None, *, by: By = "D",
+    sigma: _PositiveOrNone = None, sigma_rotation: _PositiveOrNone = None, observe: Observe = "", rotation: str = "",
+    target: tuple[float, float, float] = (0.0, 100.0, 100.0), limits: Limits | None = None,
+    box: Any = None, keep_out: Any = (), off: _Positive = OFF, seed: int = 0, columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None, names: Sequence[str] = (), base: str = "", tip: str = "",
     convention: str = "",
 ) -> Design:  # fmt: skip
@@ -71,15 +98,16 @@ def design(
         start = how.start(table, arm.chain)
     return design_poses(
         arm, count, start=start, by=by, sigma=sigma, sigma_rotation=sigma_rotation, rotations=observe == "pose",
-        target=target, limits=limits, box=None if box is None else np.asarray(box, dtype=float),
-        keep_out=[np.asarray(one, dtype=float) for one in keep_out], off=off, seed=seed,
+        target=target, limits=limits, box=None if box is None else np.reshape(np.asarray(box, dtype=float), (3, 2)),
+        keep_out=[*np.reshape(np.asarray(keep_out, dtype=float), (-1, 3, 2))], off=off, seed=seed,
     )  # fmt: skip
 
 
+@_checked
 def hand_eye(
     pairs: Any, *, mounting: Mounting = "eye_in_hand", read: Read = "", rotation: str | Mapping[str, str] = "",
-    flange: Flange = "flange_in_base", board_scale: float | Literal["free"] = 1.0, sigma: float = 0.0,
-    sigma_rotation: float = 0.0,
+    flange: Flange = "flange_in_base", board_scale: Annotated[float | Literal["free"], Range(0, above=True)] = 1.0,
+    sigma: _NotNegative = 0.0, sigma_rotation: _NotNegative = 0.0,
     columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None, names: Sequence[str] = (),
     name: str = "pairs",
 ) -> HandEye:  # fmt: skip

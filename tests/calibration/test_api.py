@@ -117,6 +117,34 @@ def test_one_order_of_angles_is_that_of_each_pose_that_has_angles():
     assert found.camera.position == pytest.approx(pairs.CAMERA[0], abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("call", "options", "message"),
+    [
+        ("calibrate", {"level": "all"}, r"level='?all'?: .*choices: auto, "),
+        ("calibrate", {"observe": "xyz"}, r"observe='?xyz'?: .*choices: .*position"),
+        ("calibrate", {"resamples": 0}, r"resamples=0: must be 20 or more"),
+        ("calibrate", {"units": "x:m"}, r"units='?x:m'?: names with values are needed"),
+        ("design", {"limits": {"joint_3": (-1, 1)}}, r"limits=.*: .*choices: urdf, table, data"),
+        ("design", {"by": "Q"}, r"by='?Q'?: .*choices: D, E"),
+        ("design", {"sigma": -1}, r"sigma=-1: must be above 0"),
+        ("design", {"count": 0}, r"count=0: must be 1 or more"),
+        ("hand_eye", {"mounting": "on_hand"}, r"mounting='?on_hand'?: .*eye_in_hand"),
+        ("hand_eye", {"read": "board"}, r"read='?board'?: .*board_in_camera"),
+        ("hand_eye", {"board_scale": 0}, r"board_scale=0: must be above 0"),
+    ],
+)
+def test_an_option_that_means_nothing_is_refused_by_its_name(arm, read, call, options, message):
+    first = {"calibrate": (arm, read), "design": (arm, options.pop("count", 4)), "hand_eye": ({},)}[call]
+    with pytest.raises(ValueError, match=f"^{message}"):
+        getattr(calibench, call)(*first, **options)
+
+
+def test_a_box_may_be_written_as_on_the_command_line(arm):
+    boxes = ((-900, 900, -900, 900, 0, 1500), [[-900, 900], [-900, 900], [0, 1500]])
+    flat, nested = (calibench.design(arm, np.int64(2), box=box, target=np.array([0, 50, 90])) for box in boxes)
+    assert flat.joints.tolist() == nested.joints.tolist()
+
+
 def test_what_is_no_table_is_refused_in_one_line(arm):
     for given, said in (
         ("my.csv", "columns by name"),
