@@ -189,13 +189,16 @@ class Tested:
     ahead: int = 0
 
 
+_EQUAL = {"charged": "every run was charged the same", "goal": "every run is the same up to its end or goal"}
+
+
 def verdicts(results: Sequence[Tested], by: By = "goal") -> list[tuple[float, Verdict, str]]:
     """Return of each cell's result Holm's p over all of them, the verdict on the second side, and why."""
     found: list[tuple[float, Verdict, str]] = []
     for result, p in zip(results, holm([result.p for result in results]).tolist(), strict=True):
         way: Verdict = "better" if result.ahead > 0 else "worse"
         if result.test == "equal":
-            way, why = "equal", "every run was charged the same" if by == "charged" else "every run gave the same"
+            way, why = "equal", _EQUAL.get(by, "every run gave the same")
         elif result.test == "none":
             way, why = "undecided", "no runs on one side"
         elif result.test == "fact" and result.ahead:

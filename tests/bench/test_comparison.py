@@ -423,6 +423,12 @@ def test_by_charge_equal_says_that_the_charge_is_equal_not_the_values():
     assert cell.verdict == "worse"
 
 
+def test_runs_that_are_equal_up_to_their_goal_are_not_said_to_give_the_same():
+    one, other = rows([1e-7] * 8, hits=[60] * 8), rows([1e-5] * 8, hits=[60] * 8)
+    [cell] = compare(one, other).cells.itertuples()
+    assert (cell.verdict, cell.why) == ("equal", "every run is the same up to its end or goal")
+
+
 def test_of_unequal_seeds_every_number_is_of_the_runs_that_were_tested():
     """Ten runs against eight are eight pairs: nothing of the two runs left out may stand beside the verdict."""
     many = rows([4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 0.1, 0.2], hits=[None] * 8 + [30, 40])
