@@ -348,6 +348,13 @@ def test_a_source_answers_which_method_is_best_and_how_sure_that_is(folder, rows
     assert capsys.readouterr() == ("", "")
 
 
+def test_a_run_that_stands_in_several_studies_is_told(folder, tmp_path):
+    for study in ("first", "second"):
+        shutil.copytree(folder, tmp_path / study)
+    with pytest.warns(UserWarning, match=r"^10 runs stand in several studies .*each counted as a run"):
+        calibench.answer(tmp_path)
+
+
 def test_an_answer_of_a_store_waits_for_what_is_planned(folder, tmp_path):
     store = bench.ResultStore(shutil.copytree(folder, tmp_path / "more"))
     left = {"of": "a cell", "another": "a cell"}

@@ -3,6 +3,7 @@
 A source is a store, the path of its folder, a table of its runs, all or some, a `Run` or a list of them.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,6 +109,12 @@ def read_source(source: Source, problem: str | None = None, traces: pd.DataFrame
         raise ValueError(
             f"{source.folder if isinstance(source, ResultStore) else 'the table'}: there is no run to draw"
         )
+    copies = runs[runs["run_id"].duplicated(keep=False)]
+    if copies["study"].ne("").any():
+        those, them = counted(copies["run_id"].nunique(), "run"), ", ".join(sorted(set(copies["study"])))
+        cure = f'runs[runs["study"] == "{copies["study"].iloc[-1]}"]'
+        text = f"{those} stand in several studies (of {them}), each counted as a run of its own; {cure} is one study"
+        warnings.warn(text, UserWarning, stacklevel=3)
     every = runs = runs.reset_index(drop=True)
     if problem is not None:
         titles = problem_titles(runs)
