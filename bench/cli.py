@@ -47,7 +47,7 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
                                                        exit 1 where it is worse in some cell; --methods: in one study
   studies [RESULTS] [COLUMN=VALUE ...] [--all] [--json]
                                                        all studies, discoveries and calibrations below a folder:
-                                                       optimizer=de problem=full* since=7d status!=ok tag=paper
+                                                       optimizer=de since=7d status!=ok words='my note'
   sql "SELECT ..." [--json]                            over all of them: studies, runs, traces, hits, findings, gaps,
                                                        calibrations (needs calibench[sql])
   note STUDY|RUN_ID "TEXT"                             note something of a study or run; without a text, show it

@@ -93,10 +93,11 @@ def catalogue(results: str | Path = "results", words: Sequence[str] = ()) -> lis
     """Return the entries below `results` that keep to all `words`, newest first.
 
     A word is ``COLUMN=VALUE`` or ``COLUMN!=VALUE``; VALUE has globs and commas between choices. ``since=`` and
-    ``until=`` take a day (2026-11-01), a time, or how long ago (7d, 12h, 2w). What is archived is left out unless a
-    word is of `archived`.
+    ``until=`` take a day (2026-11-01), a time, or how long ago (7d, 12h, 2w), ``words=`` words
+    that stand anywhere in an entry or in the notes of its study. What is archived is left out unless a word is of
+    `archived`.
     """
-    keep = _filters(words)
+    keep = _filters(words, Path(results))
     found = [entry for entry in entries(Path(results)) if all(each(entry) for each in keep)]
     return sorted(found, key=lambda entry: (entry.when, entry.study), reverse=True)
 
@@ -325,10 +326,10 @@ def _when_of(folder: Path) -> str:
     return datetime.fromtimestamp(max(times), UTC).isoformat(timespec="seconds")
 
 
-def _filters(words: Sequence[str]) -> list[Callable[[Entry], bool]]:
+def _filters(words: Sequence[str], results: Path) -> list[Callable[[Entry], bool]]:
     """Return what the words ask of an entry. Raises `ValueError`, in one line."""
     keep: list[Callable[[Entry], bool]] = []
-    known = (*COLUMNS, "since", "until")
+    known = (*COLUMNS, "since", "until", "words")
     for word in words:
         key, equals, value = word.partition("=")
         differs = key.endswith("!")
@@ -337,6 +338,10 @@ def _filters(words: Sequence[str]) -> list[Callable[[Entry], bool]]:
             raise ValueError(f"studies: there is no column {key!r}; {suggest(key, known)}")
         if not equals or not value:
             raise ValueError(f"studies: {key} needs a value, such as {key}=VALUE; globs (full*) and a,b are read")
+        if key == "words":
+            sought = value.casefold().split()
+            keep.append(lambda entry, of=sought, no=differs: all(w in _said(entry, results) for w in of) != no)  # type: ignore[misc]
+            continue
         if key not in ("since", "until"):
             keep.append(lambda entry, key=key, of=value, no=differs: _has(entry, key, of) != no)  # type: ignore[misc]
             continue
@@ -356,6 +361,12 @@ def _filters(words: Sequence[str]) -> list[Callable[[Entry], bool]]:
     if not any(word.startswith(("archived=", "archived!=")) for word in words):
         keep.append(lambda entry: not entry.archived)
     return keep
+
+
+def _said(entry: Entry, results: Path) -> str:
+    """Return all that stands in an entry and in the notes of its study, in small letters."""
+    noted = [one.text for one in read_notes(results / entry.study).notes] if entry.notes else []
+    return " ".join([*(text for key in COLUMNS for text in _texts_of(entry, key)), *noted]).casefold()
 
 
 def _has(entry: Entry, key: str, choices: str) -> bool:

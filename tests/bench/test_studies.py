@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from calibench import bench
-from calibench.bench.store.manifest import NOTES, StoreError, read_notes
+from calibench.bench.store.manifest import NOTES, StoreError, read_notes, write_notes
 from calibench.bench.store.runs import ResultStore, merge
 from calibench.bench.store.tables import write_tables
 from calibench.bench.tracking import catalogue as of
@@ -70,11 +70,17 @@ def test_all_that_lies_below_a_folder_is_listed_newest_first(results):
         (["problem=sensor*,link*"], ["deeper/two", "one"]),
         (["kind=runs", "optimizer!=de"], ["one"]), (["since=2026-11-05", "until=2026-11-20"], ["deeper/two"]),
         (["kind=runs", "until=2026-11-05T12:00"], ["one"]), (["kind=runs", "status!=ok"], []),
-        (["budget=160"], ["deeper/two", "one"]),
+        (["budget=160"], ["deeper/two", "one"]), (["words=LM sensor"], ["one"]),
+        (["kind=runs", "words!=LM"], ["deeper/two"]),
     ],
 )  # fmt: skip
 def test_filters_speak_in_columns(results, words, found):
     assert names(results, *words) == found
+
+
+def test_words_are_sought_in_notes_too(results):
+    write_notes(results / "one", read_notes(results / "one").with_note("before the Floor was raised"))
+    assert names(results, "words=floor raised") == ["one"]
 
 
 @pytest.mark.parametrize(
