@@ -206,6 +206,12 @@ class Design:
     scatter: float
     notes: tuple[Note, ...] = ()
 
+    def __repr__(self) -> str:
+        error = f"error {self.gain[0].error_mm:.3g} -> {self.chosen.error[-1]:.3g} mm over the workspace"
+        return (
+            f"<design of {len(self.joints)} poses beside {self.measured}, {self.numbers} numbers of the arm, {error}>"
+        )
+
     @property
     def gain(self) -> tuple[Gain, ...]:
         """Return how many poses bring how much, from none on."""

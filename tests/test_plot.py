@@ -321,6 +321,8 @@ def test_a_store_a_run_and_a_report_are_a_line_and_a_table_in_a_notebook(folder,
     assert repr(bench.ResultStore("nowhere/none")).startswith("<store nowhere/none: there is no such study folder")
     assert "named backlash joint 2" in repr(report)
     assert "there is no such study folder" in bench.ResultStore("nowhere")._repr_html_()
+    assert repr(report.model).startswith(f"<problem {report.case}: ")
+    assert len(repr(report.model)) < 2000
 
 
 def test_a_store_shows_what_the_page_on_python_names(folder):

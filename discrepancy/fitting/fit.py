@@ -367,6 +367,9 @@ class ResidualProblem:
     def __post_init__(self) -> None:
         vars(self).update(names=self.model.names, best=self.fit.x, start=self.model.start)
 
+    def __repr__(self) -> str:
+        return f"<problem {self.model.formulation.data.name}: {', '.join(self.names)}>"
+
     @property
     def options(self) -> dict[str, object]:
         """Return what distinguishes this problem in a table of results: its data and the added effects."""

@@ -96,6 +96,7 @@ def test_more_poses_are_proposed_and_worth_something(arm, read):
     assert planned.joints.shape == (5, 6)
     assert planned.chosen.error[-1] < planned.chosen.error[0]
     assert planned.measured == 30
+    assert repr(planned).startswith("<design of 5 poses beside 30, ")
     assert Code.NOT_CHECKED in {note.code for note in planned.notes}
 
 
