@@ -267,7 +267,10 @@ def formulated(machine: Machine, data: MeasuredData, unnamed: bool = False) -> F
     read = [column for column in known.columns if column.name in known.read_from and column.name in data]
     if made is not None and {column.name for column in read} <= {*made.readings, *inputs_of(made)}:
         return made  # `refuse_wild` looks at these
-    off = 0.0 if made is None else _in_noise(made)
+    off = 0.0  # what calibration leaves, in deviations of the noise, rms
+    if made is not None:
+        noise, _ = _noise(made)
+        off = float(np.sqrt(np.mean((Model(made).residuals(robust(Model(made), noise)) / noise) ** 2)))
     if made is not None and _LOW < off < (_CALM if unnamed else _FAR_OUT):
         return made
     table = {column.name: data[column.name] for column in read if data[column.name].dtype.kind in "iuf"}
@@ -338,14 +341,6 @@ def _left(
         for name in measured & {*one.columns} if {*one.columns} - measured else ():
             total -= np.log(one.factor) * (len(left) if reads is None else reads(name).sum())
     return float(total / left.size) if np.isfinite(total) else np.inf
-
-
-def _in_noise(formulation: Formulation) -> float:
-    """Return what calibration leaves, in deviations of the noise, rms."""
-    noise, _ = _noise(formulation)
-    model = Model(formulation)
-    left = np.asarray(model.residuals(robust(model, noise))) / noise
-    return float(np.sqrt(np.mean(left**2)))
 
 
 def _kinds(formulation: Formulation) -> list[tuple[NDArray[np.int_], Formulation]]:

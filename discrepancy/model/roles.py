@@ -183,10 +183,11 @@ def drifts_of(roles: Roles) -> tuple[str, ...]:
 def words_of(roles: Roles) -> dict[str, str]:
     """Return column or quantity -> its name in words, by the roles: `direction of joint 2`."""
     meanings = {roles.time: "time", roles.temperature: "temperature"}
+    speeds = {True: "rate", False: "velocity"}  # of a column that was computed it is the word of its name
     for joint in roles.joints:
         rotary = joint.kind == "rotary"
         each = {joint.reading: "angle" if rotary else "position", joint.direction: "direction",
-                joint.velocity: _speed(joint.velocity), joint.torque: "torque" if rotary else "force",
+                joint.velocity: speeds[joint.velocity.startswith(RATE)], joint.torque: "torque" if rotary else "force",
                 joint.temperature: "temperature"}  # fmt: skip
         each.pop(joint.name, None)  # a joint that is called as its column needs no words
         of = joint.label or joint.name
@@ -196,14 +197,9 @@ def words_of(roles: Roles) -> dict[str, str]:
         member = length.label or length.name
         meanings |= {name: f"{word} {member}" for name, word in each.items() if name not in meanings}
     for one in roles.instruments:
-        speeds = zip(one.velocity, one.columns)
-        meanings |= {name: f"{_speed(name)} of {column}" for name, column in speeds if name not in meanings}
+        for name, column in zip(one.velocity, one.columns):
+            meanings.setdefault(name, f"{speeds[name.startswith(RATE)]} of {column}")
     return {name: words for name, words in meanings.items() if name}
-
-
-def _speed(column: str) -> str:
-    """Return the word for a column of speeds; of one that was computed it is the word of its name."""
-    return "rate" if column.startswith(RATE) else "velocity"
 
 
 def inputs_of(formulation: Formulation) -> tuple[str, ...]:

@@ -64,12 +64,14 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     # where the column of a rival on the same part, or of its family, differs from that of the first by less than
     # formulas may be off, as a temperature that rises with time, the better fit of one is no reason to leave the other
     # out
-    data, least = found.model.formulation.data, 1 - t.formula_error
+    q, data, least = found.at.recorded, found.model.formulation.data, 1 - t.formula_error
     followed = {o.name: name for o in options if (name := _followed(o.effect, data))}
     along = followed.get(best.name, "")
     rivals = [o for o in options[1:] if along and followed.get(o.name, along) != along]
     rivals = [o for o in rivals if _told_by(data[along], data[followed[o.name]]) > least]
-    alike = [o.name for o in rivals if o.effect.target == effect.target or _are_alike(o.effect, effect, found)]
+    changed = {o.name: {*o.effect.basis(q, data, np.zeros(len(o.effect.coefficients)))} for o in (best, *rivals)}
+    same = {o.name for o in rivals if o.effect.family == effect.family and changed[o.name] == changed[best.name]}
+    alike = [o.name for o in rivals if o.effect.target == effect.target or o.name in same]
     weights = _held(known, (best.name, *alike), share)
     for o in options:
         twins = [name for name in (o.name, *o.effect.twins) if name in known]
@@ -164,13 +166,6 @@ def also_told_by(finding: Finding, found: Fit) -> tuple[str, ...]:
         if free > 0 and rest @ rest / free < t.formula_error * np.var(wave):
             told.append(name)
     return tuple(told)
-
-
-def _are_alike(one: Effect, other: Effect, found: Fit) -> bool:
-    """Tell whether two effects of one family change the same quantities."""
-    q, data = found.at.recorded, found.model.formulation.data
-    changed, others = ({*effect.basis(q, data, np.zeros(len(effect.coefficients)))} for effect in (one, other))
-    return one.family == other.family and changed == others
 
 
 def _followed(effect: Effect, data: MeasuredData) -> str:
