@@ -329,27 +329,6 @@ def test_the_local_model_is_the_simulator_wherever_a_search_goes(spring, functio
         assert np.sqrt(np.mean(off**2)) < 0.1, size
 
 
-def test_slopes_follow_an_input_and_a_parameter_that_move_together(spring):
-    formulation = simulator(spring).formulate(readings())
-    local, rows = formulation.of_rows.local, np.arange(len(formulation.data))
-    u, t = (np.asarray(formulation.data[name], dtype=float) for name in ("u", "t"))
-    q = {"u": u, "t": 1.1 * t} | {"k": np.asarray(2.4), "tau": np.asarray(0.6), "mass": np.asarray(0.0)}
-    late = np.exp(-q["t"] / q["tau"])
-    true = {"k": -u / 2.4**2 * (1 - late), "t": u / 2.4 * late / 0.6}
-    for name, slope in true.items():
-        off = local.slopes_at(rows, q)[name][:, 0] - slope
-        assert np.linalg.norm(off) < 0.08 * np.linalg.norm(slope), name
-
-
-def test_a_cell_that_is_empty_in_a_column_that_an_error_may_follow_costs_its_row(spring, tmp_path):
-    data = readings()
-    table = pd.DataFrame({name: np.asarray(data[name]) for name in data.columns})
-    table.loc[3, "box"] = np.nan
-    report = discover("simulator", table, call=f"{spring}:answer")
-    assert report.verdict == "none"
-    assert any("left out for cells that hold no finite number: box in 1" in note.text for note in report.notes)
-
-
 def test_what_lies_between_two_calls_costs_none(spring):
     formulation = simulator(spring).formulate(readings())
     local, rows = formulation.of_rows.local, np.arange(len(formulation.data))

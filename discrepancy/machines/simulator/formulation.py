@@ -329,8 +329,7 @@ def _say_beforehand(known: Caller, seconds: float, local: LocalModel) -> None:
     p, n = len(known.names.parameters), len(local.inputs)
     of_few = min(FEW / n, 1.0) * (9 + 26 * len(local.variables))  # noise and steps
     of_slopes = (4 if local.rough else 2) * (_CALIBRATIONS * p + len(local.variables))
-    of_pairs = len(local.variables) * (p + 1) - p * (p + 1) / 2
-    passes = int(of_slopes + 2 * _CALIBRATIONS + of_pairs + of_few + _SEARCH)
+    passes = int(of_slopes + 2 * _CALIBRATIONS + p * (p + 1) / 2 + of_few + _SEARCH)
     ahead = seconds * passes / max(known.workers, 1)
     if ahead > _LONG:
         a_call = f"{duration(seconds / n)} a row" if known.one else f"{duration(seconds)} for all rows"

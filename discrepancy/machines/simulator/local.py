@@ -91,7 +91,7 @@ class LocalModel:
     takes_rows: bool = True  # parameters that differ from row to row
     slopes: dict[str, Array] = field(default_factory=dict)
     curves: dict[str, Array] = field(default_factory=dict)
-    mixed: dict[tuple[str, str], Array] = field(default_factory=dict)  # of a number and a parameter
+    mixed: dict[tuple[str, str], Array] = field(default_factory=dict)  # of two parameters: they make up for each other
     reaches: dict[str, Array] = field(default_factory=dict)  # the root of a curvature, rms over the rows, (m,)
     places: list[Place] = field(default_factory=list)
     refused: str = ""  # what it said where it failed first, within its bounds
@@ -194,16 +194,15 @@ class LocalModel:
             which = ", ".join(v.name for v in own)
             raise DataError(f"no output depends on a parameter that is calibrated ({which}): does it read them?")
 
-        # the mixed curvatures of a parameter and any other number: those that make up for each other move far together
-        p, known = last.parameters[0], [*names, *(v for v in self.variables if v.is_input and v.name in self.steps)]
-        pairs = [(a, b) for k, a in enumerate(known) for b in names[:k]]
-        first = {v.name: self._offsets(v, self.steps[v.name], p)[0] for v in known}
-        questions = [_varied(v, last.inputs, p, first[v.name]) for v in known]
+        # the mixed curvatures of parameters: those that make up for each other move far together
+        p, pairs = last.parameters[0], [(a, b) for k, a in enumerate(names) for b in names[:k]]
+        first = {v.name: self._offsets(v, self.steps[v.name], p)[0] for v in names}
+        questions = [_varied(v, last.inputs, p, first[v.name]) for v in names]
         for a, b in pairs:
             questions.append(_varied(b, *_varied(a, last.inputs, p, first[a.name]), first[b.name]))
         answers = self.caller.ask(questions)
         one = dict(zip(first, answers))
-        for (a, b), both in zip(pairs, answers[len(known) :]):
+        for (a, b), both in zip(pairs, answers[len(names) :]):
             area = first[a.name] * first[b.name]
             bend = (both - one[a.name] - one[b.name] + last.values) / area
             sure = np.isfinite(bend) & (np.abs(bend) > 4 * self.noise / abs(area))
