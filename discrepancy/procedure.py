@@ -55,6 +55,7 @@ GAP_OF_FITTED = (
 _LEARNED = 3  # times that unknown noise is learned again at most: names and noise settle together, or never
 _STRETCH = 20  # rows that follow each other, which are searched all or not at all
 _OTHERS = (0.5, 2.0)  # times the stated noise: the search is repeated there where no repeats tell the noise
+_WORSE = 2.0  # times the error of unseen readings: names that make it larger than this are none
 
 
 def explain(
@@ -452,10 +453,11 @@ def _is_large(
 
 
 def _carried_by_nothing(findings: Sequence[reports.Finding], gap: reports.Gap) -> bool:
-    """Return whether no finding has a size that is surely not 0, and unseen readings are no nearer with them."""
+    """Return whether names make unseen readings far worse, or no nearer, and no size is surely not 0."""
     sized = [f.amplitude.ci95 for f in findings if np.all(np.isfinite(f.amplitude.ci95))]
     unsure = len(sized) == len(findings) > 0 and all(low <= 0 <= high for low, high in sized)
-    return unsure and bool(gap.held_out_after >= gap.held_out_before)
+    worse = bool(gap.held_out_after > _WORSE * gap.held_out_before)
+    return bool(findings) and (worse or (unsure and bool(gap.held_out_after >= gap.held_out_before)))
 
 
 def _at_other_noise(

@@ -47,10 +47,11 @@ def gap(before, after):
         ([found(-1, 1)], gap(2.0, 1.5), False),  # unseen readings are nearer
         ([found(-1, 1)], gap(nan, nan), False),  # nobody looked
         ([found(0.5, 1)], gap(2.0, 2.5), False),
+        ([found(0.5, 1)], gap(2.0, 4.5), True),  # unseen readings are far worse
         ([found(-1, 1), found(0.5, 1)], gap(2.0, 2.5), False),
         ([found(nan, nan)], gap(2.0, 2.5), False),
-        ([], gap(2.0, 2.5), False),
+        ([], gap(2.0, 4.5), False),
     ],
 )
-def test_both_are_needed_for_a_name_to_go(findings, seen, nothing) -> None:
+def test_a_name_goes_that_is_of_no_sure_size_and_no_help_or_does_harm(findings, seen, nothing) -> None:
     assert _carried_by_nothing(findings, seen) is nothing
