@@ -2,24 +2,24 @@
 const redraws = [];
 prefersDark.addEventListener("change", () => { for (const draw of redraws) draw(); });
 
-function log(values) {
-  const seen = values.filter((v) => v != null);
-  return seen.length > 0 && seen.every((v) => v > 0);
-}
-
-// Ends of a logarithmic axis: whole powers of ten.
-function powers(values) {
-  const seen = values.filter((v) => v != null);
-  return [10 ** Math.floor(Math.log10(Math.min(...seen)) - 1e-9), 10 ** Math.ceil(Math.log10(Math.max(...seen)) + 1e-9)];
+// An axis for values, logarithmic with ends at whole powers of ten where none is negative: 0 is drawn below all others.
+function axisOf(values) {
+  const above = values.filter((v) => v > 0);
+  if (!above.length || values.some((v) => v < 0)) return { yLog: false, drawn: (y) => y };
+  const least = Math.max(1e-307, Math.min(...above) / 10);
+  const drawn = (y) => y.map((v) => (v === 0 ? least : v));
+  const power = (v, round) => Math.min(Number.MAX_VALUE, Math.max(1e-307, 10 ** round(Math.log10(v))));
+  const low = values.includes(0) ? least : Math.min(...above);
+  return { yLog: true, drawn, yRange: [power(low, (p) => Math.floor(p - 1e-9)), power(Math.max(...above), (p) => Math.ceil(p + 1e-9))] };
 }
 
 const curve = document.getElementById("curve");
 if (curve && data.curve) {
   const { x, y } = data.curve;
-  const logarithmic = log(y);
+  const { drawn, ...axis } = axisOf(y);
   redraws.push(chart(curve, () => ({
-    x, xName: "charged evaluations [count]", yName: "best value", xLog: true, yLog: logarithmic, stepped: true, label: "Best value over charged evaluations",
-    yRange: logarithmic ? powers(y) : undefined, lines: [{ method: 0, y }], told: (line, i) => text(line.y[i], 4),
+    x, xName: "charged evaluations [count]", yName: "best value", xLog: true, ...axis, stepped: true, label: "Best value over charged evaluations",
+    lines: [{ method: 0, y: drawn(y) }], told: (line, i) => text(y[i], 4),
   })));
 }
 
@@ -43,12 +43,11 @@ function follow() {
       ...mine.map((one) => ({ method: numberOf(one.method), y: one.y, said: `median of ${one.runs}` })),
       ...now.map((one) => ({ method: numberOf(one.method), y: one.y, said: `run ${one.run_id.slice(0, 4)}, in progress` })),
     ];
-    const values = lines.flatMap((line) => line.y).filter((v) => v != null);
-    const logarithmic = log(values);
+    const { drawn, ...axis } = axisOf(lines.flatMap((line) => line.y));
     return {
-      x: at, xName: "charged evaluations [count]", yName: "best value", xLog: true, yLog: logarithmic, stepped: true, lines, label: `${problem}: best value over charged evaluations`,
-      yRange: logarithmic ? powers(values) : undefined, spanGaps: true, empty: lines.length ? "" : "No run has a value yet.",
-      told: (line, i) => `${text(line.y[i])} (${line.said})`,
+      x: at, xName: "charged evaluations [count]", yName: "best value", xLog: true, ...axis, stepped: true, label: `${problem}: best value over charged evaluations`,
+      lines: lines.map((line) => ({ ...line, y: drawn(line.y), values: line.y })), spanGaps: true, empty: lines.length ? "" : "No run has a value yet.",
+      told: (line, i) => `${text(line.values[i])} (${line.said})`,
     };
   });
   redraws.push(draw);
@@ -57,7 +56,7 @@ function follow() {
   function legend() {
     const problem = find("problem").value;
     const names = new Set([...cells.values(), ...running].filter((one) => one.problem === problem).map((one) => one.method));
-    find("legend").replaceChildren(...[...names].flatMap((name) => [make("span", { class: "mark" }, swatch(numberOf(name))), ` ${name}  `]));
+    find("legend").replaceChildren(...[...names].map((name) => make("span", { class: "entry" }, swatch(numberOf(name)), ` ${name}`)));
   }
 
   function list(id, title, heads, rows) {
