@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
 from hashlib import blake2b
+from importlib import import_module
 from typing import Any, Concatenate, ParamSpec, TypeVar, final
 
 import numpy as np
@@ -67,6 +68,12 @@ class CompiledProblem:
     def compile_values(self) -> None:
         """Compile likewise what methods call that ask for values alone."""
         self.cost(self.start), self.batch(self.start[None])
+
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"kernels": self.kernels.__name__}  # a module cannot be pickled
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state | {"kernels": import_module(state["kernels"])})
 
     def vector(self, x: Array) -> Array:
         """Return x as the kernels take it: a copy, so that one compiled form serves all callers' arrays."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -36,6 +37,13 @@ def test_any_array_of_the_right_numbers_gives_the_same_bits(name, options):
         problem([0.0])
     with pytest.raises(ValueError, match=rf"^{name}: points have shape \({len(x)},\), \(k, {len(x)}\) is needed$"):
         problem.batch(x)
+
+
+@pytest.mark.parametrize(("name", "options"), ALL)
+def test_a_problem_goes_to_another_process_and_back(name, options):
+    problem = problems.make(name, **options)
+    there = pickle.loads(pickle.dumps(problem))
+    assert (there(problem.start), there.data_id) == (problem(problem.start), problem.data_id)
 
 
 @pytest.mark.parametrize("readonly", [(False, True), (True, False), (True, True)])
