@@ -87,6 +87,9 @@ _READING = {  # take --trust
 def command() -> None:
     """Be the process `bench`: `main`, and the end of the process."""
     process.at_once()
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a pipe or console of another encoding than UTF-8 gets \u2265 for ≥
+            stream.reconfigure(errors="backslashreplace")
     main()
 
 

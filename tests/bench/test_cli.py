@@ -1,5 +1,6 @@
 """The command line as a user meets it: commands that work as printed, a line for each mistake, resumed sweeps."""
 
+import io
 import json
 import os
 import signal
@@ -10,6 +11,7 @@ import time
 import pandas as pd
 import pytest
 
+from calibench.bench import cli
 from calibench.bench.cli import main
 from calibench.bench.store.runs import ResultStore
 
@@ -415,3 +417,13 @@ def test_a_folder_with_spaces_is_told_as_a_shell_takes_it(run_bench):
     )
     assert code == 0
     assert "`bench report 'my results/adhoc'` draws them" in out
+
+
+def test_what_a_pipe_cannot_encode_is_escaped(monkeypatch):
+    pipe = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", pipe)
+    monkeypatch.setattr(cli.process, "at_once", lambda: None)
+    monkeypatch.setattr(cli, "main", lambda: print("≥ 2"))
+    cli.command()
+    pipe.flush()
+    assert pipe.buffer.getvalue() == b"\\u2265 2\n"
