@@ -51,6 +51,7 @@ TABLES = (
     Table("pso", "an evaluation inside a particle swarm, 100 particles", 5, True, group="optimisers"),
     Table("ga", "an evaluation inside a genetic algorithm, population 100", 5, True, group="optimisers"),
     Table("cmaes", "an evaluation inside CMA-ES, population 100", 5, True, group="optimisers"),
+    Table("noise_level", "from the nominal parameters to the level of the noise", 3, True, group="quality"),
     Table("sweep", "one of 1000 small runs, from command to table", 3, False, {"runs": 1000, "budget": 60}),
     Table("plot", "from the shell to the first plot", 3, False, {"budget": 600}, homes=True),
     Table("report", "a report of 10 000 runs", 3, False),

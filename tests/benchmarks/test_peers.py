@@ -144,6 +144,14 @@ def test_a_machine_that_is_disturbed_most_of_the_time_hides_no_counter(monkeypat
     assert taken["note"] == "the call alone 2e+08 ns"
 
 
+def test_a_search_ends_at_the_level_of_the_noise_or_at_its_last_evaluation() -> None:
+    answering = _answering()
+    taken = answering.reaching(lambda level, start, seed: level(level.problem.truth if seed % 2 else start), most=3)
+    assert (taken["count"], taken["note"]) == (5, "5 of 5 machines, 2 evaluations in the median")
+    with pytest.raises(answering.Missed, match="on none of 5 machines within 3 evaluations"):
+        answering.reaching(lambda level, start, seed: level.batch(start[None]), most=3)
+
+
 def _answering() -> ModuleType:
     spec = spec_from_file_location("answering", environments.TOOLS / "answering.py")
     assert spec is not None

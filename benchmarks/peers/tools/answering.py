@@ -14,6 +14,7 @@ import statistics
 import sys
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from itertools import count
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
@@ -22,6 +23,8 @@ Line = Callable[[Mapping[str, Any]], Mapping[str, Any]]
 ROOT = Path(__file__).resolve().parents[3]
 CHUNK = 500  # calls between two looks at the clock
 SECONDS, LEAST, MOST = 2.0, 21, 400  # how long chunks take turns, and how many there are at least and at most
+MACHINES = (1, 2, 4, 5, 7)  # the first instances of the planar robot whose readings have noise
+_SEEDS = count()
 
 
 def answer(lines: Mapping[str, Mapping[str, Line]]) -> None:
@@ -54,11 +57,81 @@ def full12() -> Any:
     return problem
 
 
+class Missed(Exception):
+    """No search has reached the level."""
+
+
+class Ended(Exception):
+    """The level is reached, or there may be no further evaluation."""
+
+
+class Level:
+    """The objective of an instance; `Ended` once a value is as low as the noise of its readings allows, or after `most`
+    evaluations."""
+
+    def __init__(self, instance: int, most: int) -> None:
+        full12()
+        from calibench import problems
+
+        self.problem = problems.make("full12", error="J2", instance=instance)
+        self.problem.compile()
+        self.lower, self.upper, self.start = self.problem.lower, self.problem.upper, self.problem.start
+        self.level, self.most, self.count, self.reached = self.problem.as_good_as_noise, most, 0, False
+
+    def __call__(self, x: Any) -> float:
+        value = float(self.problem(x))
+        self.seen(value, 1)
+        return value
+
+    def batch(self, points: Any) -> Any:
+        values = self.problem.batch(points)
+        self.seen(values.min(), len(values))
+        return values
+
+    def seen(self, lowest: float, evaluations: int) -> None:
+        """Count evaluations of which this is the lowest value."""
+        self.count += evaluations
+        self.reached = self.reached or bool(lowest <= self.level)
+        if self.reached or self.count >= self.most:
+            raise Ended
+
+
+def reaching(search: Callable[[Level, Any, int], object], most: int = 100_000) -> dict[str, Any]:
+    """Return what ``search(level, start, seed)`` takes until the level is reached, on each of `MACHINES`.
+
+    It begins at the nominal parameters; where it ends by itself it begins again at random, until it has had `most`
+    evaluations. All time counts, that of machines where the level was not reached too; it is told for one where it was.
+    """
+    import numpy as np
+
+    levels = [Level(instance, most) for instance in MACHINES]
+
+    def searched() -> int:
+        for level in levels:
+            start = level.start.copy()
+            try:
+                while True:
+                    seed = next(_SEEDS)
+                    search(level, start, seed)
+                    start = level.lower + np.random.default_rng(seed).random(len(start)) * (level.upper - level.lower)
+            except Ended:
+                pass
+        return sum(level.reached for level in levels)
+
+    taken = timed(searched)
+    if not taken["count"]:
+        raise Missed(f"on none of {len(levels)} machines within {most:,} evaluations".replace(",", " "))
+    median = statistics.median(level.count for level in levels if level.reached)
+    return {**taken, "note": f"{taken['count']} of {len(levels)} machines, {median:.0f} evaluations in the median"}
+
+
 def timed(work: Callable[[], int]) -> dict[str, Any]:
-    """Return what one call of `work` took; it returns how many evaluations (runs, ...) it made."""
-    wall, cpu = perf_counter(), process_time()
-    count = work()
-    return {"cpu_s": process_time() - cpu, "wall_s": perf_counter() - wall, "count": count}
+    """Return what one call of `work` took, its processes too; it returns how many evaluations (runs, ...) it made."""
+    wall, cpu, before = perf_counter(), process_time(), os.times()
+    made = work()
+    cpu, after = process_time() - cpu, os.times()
+    cpu += after.children_user + after.children_system - before.children_user - before.children_system
+    return {"cpu_s": cpu, "wall_s": perf_counter() - wall, "count": made}
 
 
 def cost(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from answering import answer, full12, timed
+from answering import Level, answer, full12, reaching, timed
 from small_runs import Sphere
 
 _SEEDS = iter(range(10**9))
@@ -44,6 +44,20 @@ def _search(make: Callable[[Any], Any], work: Mapping[str, Any]) -> dict[str, An
         return _BUDGET
 
     return timed(searched)
+
+
+def _reach(work: Mapping[str, Any]) -> dict[str, Any]:
+    import nevergrad
+
+    def searched(level: Level, start: Any, seed: int) -> None:
+        space = nevergrad.p.Array(init=start).set_bounds(level.lower, level.upper)
+        space.random_state.seed(seed)
+        search = nevergrad.families.ParametrizedCMA(popsize=100)(parametrization=space, budget=level.most)
+        while True:
+            asked = search.ask()
+            search.tell(asked, level(asked.value))
+
+    return reaching(searched, most=20_000)
 
 
 def _runs(runs: int, budget: int) -> list[list[float]]:
@@ -87,6 +101,7 @@ LINES: dict[str, dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]] = 
     "pso": {"nevergrad PSO": partial(_search, lambda ng: ng.families.ConfPSO(popsize=100))},
     "ga": {"nevergrad ES, the nearest it has": partial(_search, lambda ng: ng.families.EvolutionStrategy(popsize=100))},
     "cmaes": {"nevergrad CMA": partial(_search, lambda ng: ng.families.ParametrizedCMA(popsize=100))},
+    "noise_level": {"nevergrad CMA, at most 20 000 evaluations": _reach},
     "sweep": {"nevergrad": _sweep},
     "plot": {"nevergrad": _plot},
 }

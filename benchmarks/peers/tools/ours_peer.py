@@ -13,7 +13,7 @@ import arm6
 import arms3
 import numpy as np
 import pairs40
-from answering import ROOT, answer, cost, full12, points_in, timed
+from answering import ROOT, Level, answer, cost, full12, points_in, reaching, timed
 
 if TYPE_CHECKING:
     from calibench.bench.calibration.request import CalibrateRequest
@@ -108,21 +108,95 @@ def _pygmo(
     return timed(searched)
 
 
-def _scipy(work: Mapping[str, Any]) -> dict[str, Any]:
+def _nlopt(algorithm: str, work: Mapping[str, Any]) -> dict[str, Any]:
+    import nlopt
+
+    problem = full12()
+    nlopt.srand(next(_SEEDS))
+    search = nlopt.opt(getattr(nlopt, algorithm), len(problem.lower))
+    search.set_lower_bounds(problem.lower)
+    search.set_upper_bounds(problem.upper)
+    search.set_min_objective(lambda x, gradient: problem(x))
+    search.set_maxeval(15_000)
+
+    def searched() -> int:
+        search.optimize(np.array(problem.start))
+        return int(search.get_numevals())
+
+    return timed(searched)
+
+
+def _scipy(workers: int, work: Mapping[str, Any]) -> dict[str, Any]:
+    """Search by SciPy's differential evolution: whole generations at once, or its candidates in so many processes."""
     from scipy.optimize import differential_evolution
 
     problem, rng = full12(), np.random.default_rng(next(_SEEDS))
     bounds = list(zip(problem.lower, problem.upper, strict=True))
     first = problem.lower + rng.random((150, len(bounds))) * (problem.upper - problem.lower)
+    how = {"workers": workers} if workers else {"vectorized": True}
 
     def searched() -> int:
         found = differential_evolution(
-            lambda columns: problem.batch(columns.T), bounds, strategy="rand1bin", mutation=0.5, recombination=0.8,
-            init=first, maxiter=100, tol=0, atol=0, polish=False, rng=rng, vectorized=True, updating="deferred",
+            problem if workers else lambda columns: problem.batch(columns.T), bounds, strategy="rand1bin", mutation=0.5,
+            recombination=0.8, init=first, maxiter=100, tol=0, atol=0, polish=False, rng=rng, updating="deferred",
+            **how,
         )  # fmt: skip
         return int(found.nfev) if found.nfev > 15_000 else 150 * (found.nit + 1)
 
     return timed(searched)
+
+
+def _reach(name: str, options: Mapping[str, Any], work: Mapping[str, Any]) -> dict[str, Any]:
+    """Search by one of our optimisers, or by one of a library's, through the gate."""
+    from calibench import bench, optimizers
+
+    method = optimizers.make(name, **options)
+
+    def searched(level: Level, start: Any, seed: int) -> None:
+        budget = level.most - level.count
+        run = bench.execute(level.problem, method, budget=budget, seed=seed, start=start, target=level.level)
+        level.seen(run.best_value, max(run.charged, 1))
+
+    return reaching(searched)
+
+
+def _reach_pygmo(algorithm: str, size: int, settings: Mapping[str, Any], work: Mapping[str, Any]) -> dict[str, Any]:
+    import pygmo
+
+    def searched(level: Level, start: Any, seed: int) -> None:
+        class Udp:
+            def fitness(self, x: Any) -> list[float]:
+                return [level(x)]
+
+            def get_bounds(self) -> tuple[Any, Any]:
+                return level.lower, level.upper
+
+        named = getattr(pygmo, algorithm)(gen=level.most // size, seed=seed, **settings)
+        pygmo.algorithm(named).evolve(pygmo.population(pygmo.problem(Udp()), size=size, seed=seed))
+
+    return reaching(searched)
+
+
+def _reach_scipy(work: Mapping[str, Any]) -> dict[str, Any]:
+    from scipy.optimize import least_squares
+
+    def searched(level: Level, start: Any, seed: int) -> None:
+        found = least_squares(level.problem.residuals, start, level.problem.jacobian, method="lm", x_scale="jac")
+        level.seen(2 * found.cost, found.nfev)
+
+    return reaching(searched)
+
+
+def _reach_scipy_de(work: Mapping[str, Any]) -> dict[str, Any]:
+    from scipy.optimize import differential_evolution
+
+    def searched(level: Level, start: Any, seed: int) -> None:
+        differential_evolution(
+            lambda columns: level.batch(columns.T), list(zip(level.lower, level.upper, strict=True)), x0=start,
+            maxiter=10**6, tol=0, atol=0, polish=False, rng=seed, vectorized=True, updating="deferred",
+        )  # fmt: skip
+
+    return reaching(searched)
 
 
 def _bench(*words: str) -> None:
@@ -306,7 +380,9 @@ LINES: dict[str, dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]] = 
     "de": {
         "ours": partial(_search, "de", {"population": 150}, _BUDGET),
         "pygmo, our dependency": partial(_pygmo, "de", 150, {"F": 0.5, "CR": 0.8, "variant": 7, "ftol": 0, "xtol": 0}),
-        "SciPy, vectorised, our dependency": _scipy,
+        "SciPy, vectorised, our dependency": partial(_scipy, 0),
+        "SciPy, workers=2, our dependency": partial(_scipy, 2),
+        "NLopt CRS2, our dependency": partial(_nlopt, "GN_CRS2_LM"),
     },
     "pso": {
         "ours": partial(_search, "pso", {"population": 100}, _BUDGET),
@@ -320,6 +396,19 @@ LINES: dict[str, dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]] = 
     "cmaes": {
         "ours: pygmo's through our gate": partial(_search, "pygmo_cmaes", {"population": 100}, 15_000),
         "pygmo alone, our dependency": partial(_pygmo, "cmaes", 100, {"ftol": 0, "xtol": 0, "force_bounds": True}),
+    },
+    "noise_level": {
+        "ours, lm": partial(_reach, "lm", {}),
+        "ours, fmincon": partial(_reach, "fmincon", {}),
+        "ours, de": partial(_reach, "de", {}),
+        "ours: pygmo's CMA-ES through our gate": partial(_reach, "pygmo_cmaes", {"population": 100}),
+        "ours: NLopt's BOBYQA through our gate": partial(_reach, "nlopt_LN_BOBYQA", {}),
+        "SciPy least_squares lm, our dependency": _reach_scipy,
+        "SciPy DE, vectorised, our dependency": _reach_scipy_de,
+        "pygmo CMA-ES, our dependency": partial(
+            _reach_pygmo, "cmaes", 100, {"ftol": 0, "xtol": 0, "force_bounds": True}
+        ),
+        "pygmo sade, our dependency": partial(_reach_pygmo, "sade", 100, {"ftol": 0, "xtol": 0}),
     },
     "sweep": {"ours": _sweep},
     "plot": {"ours": _plot},

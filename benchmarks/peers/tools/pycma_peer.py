@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from answering import answer, cost, full12, points_in, timed
+from answering import Level, answer, cost, full12, points_in, reaching, timed
 from small_runs import Sphere
 
 _SEEDS = iter(range(1, 10**9))
@@ -40,6 +40,21 @@ def _search(work: Mapping[str, Any]) -> dict[str, Any]:
     return timed(searched)
 
 
+def _reach(work: Mapping[str, Any]) -> dict[str, Any]:
+    import cma
+
+    def searched(level: Level, start: Any, seed: int) -> None:
+        width = level.upper - level.lower
+        bounds = [[0.0] * len(width), [1.0] * len(width)]
+        settings = {"bounds": bounds, "verbose": -9, "seed": seed + 1, "popsize": 100}
+        search = cma.CMAEvolutionStrategy((start - level.lower) / width, 0.3, settings)
+        while not search.stop():
+            asked = search.ask()
+            search.tell(asked, level.batch(level.lower + np.array(asked) * width).tolist())
+
+    return reaching(searched)
+
+
 def _sweep(work: Mapping[str, Any]) -> dict[str, Any]:
     import cma
     import pandas as pd
@@ -68,6 +83,7 @@ def _plot(work: Mapping[str, Any]) -> dict[str, Any]:
 LINES: dict[str, dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]] = {
     "counting": {"pycma, Function": _count},
     "cmaes": {"pycma": _search},
+    "noise_level": {"pycma": _reach},
     "sweep": {"pycma": _sweep},
     "plot": {"pycma": _plot},
 }

@@ -7,7 +7,7 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
-from answering import answer, cost, full12, points_in, timed
+from answering import Level, answer, cost, full12, points_in, reaching, timed
 from small_runs import Sphere
 
 _SEEDS = iter(range(10**9))
@@ -64,6 +64,18 @@ def _cmaes(work: Mapping[str, Any]) -> dict[str, Any]:
     return _search("CMAES", 100, work, popsize=100, restarts=10, bipop=False, tolfun=0, tolx=0)
 
 
+def _reach(algorithm: str, settings: Mapping[str, Any], work: Mapping[str, Any]) -> dict[str, Any]:
+    from pymoo.optimize import minimize
+
+    room = import_module(f"pymoo.algorithms.soo.nonconvex.{algorithm.lower()}")
+
+    def searched(level: Level, start: Any, seed: int) -> None:
+        method = getattr(room, algorithm)(**settings)
+        minimize(_problem(level, batches=True), method, ("n_eval", level.most), seed=seed, verbose=False)
+
+    return reaching(searched)
+
+
 def _sweep(work: Mapping[str, Any]) -> dict[str, Any]:
     import pandas as pd
     from pymoo.algorithms.soo.nonconvex.de import DE
@@ -98,6 +110,10 @@ LINES: dict[str, dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]] = 
     "pso": {"pymoo PSO": partial(_search, "PSO", 100)},
     "ga": {"pymoo GA": partial(_search, "GA", 100)},
     "cmaes": {"pymoo CMAES": _cmaes},
+    "noise_level": {
+        "pymoo CMAES": partial(_reach, "CMAES", {"popsize": 100, "tolfun": 0, "tolx": 0}),
+        "pymoo DE": partial(_reach, "DE", {"pop_size": 100}),
+    },
     "sweep": {"pymoo": _sweep},
     "plot": {"pymoo": _plot},
 }
