@@ -72,7 +72,7 @@ def test_wild_readings_of_one_motion_are_told_as_such_and_others_are_not(tmp_pat
 
 
 def test_a_sound_arm_moves_nothing_in_any_order_of_its_poses():
-    for seed in range(30):
+    for seed in range(12):
         model = measured(30 + 10 * seed, posed=bool(seed % 2), seed=seed)
         order = np.argsort(model.joints[:, seed % 6]) if seed % 3 else np.arange(len(model.joints))
         assert motions(model.at(order)) == [None, None]

@@ -15,7 +15,7 @@ from tests.independent.delta import Firmware, honest, measured, places, printer_
 pytestmark = pytest.mark.usefixtures("at_one_noise")
 
 
-@pytest.mark.parametrize("seed", [37, 44, 58])
+@pytest.mark.parametrize("seed", [37, 58])
 def test_seven_heights_of_a_bed_like_a_saddle_have_no_name(tmp_path, seed) -> None:
     """It was one of twelve names, of a size that might be 0, beside "what was added makes it no smaller"."""
     rng, firmware = np.random.default_rng([7, seed]), Firmware()

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
-from calibench import testing
-from calibench.discrepancy import EffectFamily, MeasuredData, machines
+from calibench.discrepancy import MeasuredData, machines
 from calibench.discrepancy.design.detectability import WhitenedDesign
 from calibench.discrepancy.effects import catalogue, families
 from calibench.discrepancy.effects.general.lengths import warmth
@@ -49,12 +46,6 @@ def test_the_catalogue_has_the_agreed_names() -> None:
     assert named == FAMILIES - NOISE
     targets = {effect.target for effect in EFFECTS[True]}
     assert targets == {f"{kind} {i}" for kind in ("joint", "leg", "base") for i in (1, 2, 3)} | {"all", "tracker"}
-
-
-@pytest.mark.parametrize("family", families("gpm2002"), ids=lambda family: family.name)
-@pytest.mark.parametrize("law", testing.FAMILY_LAWS, ids=lambda law: law.__name__)
-def test_every_family_keeps_the_laws_of_a_users_own(law: Any, family: EffectFamily) -> None:
-    law(family, machines.make("gpm2002"), planned(n=40, tracked=True))
 
 
 @pytest.mark.parametrize("tracked", [False, True])

@@ -51,12 +51,12 @@ def test_wild_readings_show_beside_repeats_that_moved() -> None:
 
 def test_far_readings_at_random_are_noise_and_at_a_time_or_a_place_they_are_not() -> None:
     m, said = 300, 0
-    for seed in range(60):
+    for seed in range(30):
         rng = np.random.default_rng(seed)
         columns = {PLACE: np.arange(m, dtype=float), "angle": rng.uniform(-1, 1, m), "side": rng.choice([-1.0, 1.0], m)}
         anywhere = (rng.random(m) < 0.05).astype(float)
         said += pattern_of("joint 1", anywhere, np.ones(m), columns) is not None
-    assert said <= 2
+    assert said <= 1
     ground = rng.random(m) < 0.5
     crest = ((np.sin(columns[PLACE] / 8) > 0.9) & ground).astype(float)
     assert pattern_of("joint 1", crest, np.ones(m), columns).column == PLACE  # type: ignore[union-attr]

@@ -6,10 +6,9 @@ from typing import Any
 
 import pytest
 
-from benchmarks.blind import orthoglide as blind
 from calibench import testing
 from calibench.bench.measured.sources import sources
-from calibench.discrepancy import EffectFamily, Machine, MeasuredData, machines
+from calibench.discrepancy import Machine, MeasuredData, machines
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.machines.gpm2002.description import planned
 from calibench.discrepancy.machines.orthoglide.kinematics import printed
@@ -56,27 +55,6 @@ def test_the_name_of_a_machine_that_ships_is_no_option(name: str) -> None:
     assert "name" not in registry.options(name)
     with pytest.raises(ValueError, match=f"{name} has no option 'name'"):
         machines.make(name, name="mine")
-
-
-def _warm_and_loaded() -> MeasuredData:
-    """Return readings in which every family of the Orthoglide but the lengths can be tested."""
-    case = blind.case(3, plan="loaded")
-    columns = {name: column[::7] for name, column in case.columns.items()}
-    return MeasuredData(columns, "orthoglide", case.metadata, "loaded")
-
-
-ORTHOGLIDE = _warm_and_loaded()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("family", families("orthoglide"), ids=lambda family: family.name)
-def test_a_family_of_the_orthoglide_keeps_the_laws_of_a_users_own(family: EffectFamily) -> None:
-    tried = [ORTHOGLIDE, printed("exp2")]
-    machine = machines.make("orthoglide")
-    able = [data for data in tried if family.candidates(machine.formulate(data)).candidates]
-    for data in able:
-        testing.check_effect(family, machine, data)
-    assert able or family.candidates(machine.formulate(ORTHOGLIDE)).alternatives, family.name
 
 
 def test_a_family_is_checked_candidate_by_candidate() -> None:

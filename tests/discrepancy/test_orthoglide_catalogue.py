@@ -23,7 +23,6 @@ def _formulation(plan: str = "loaded", free: str = "auto"):
 
 FORMULATION = _formulation()
 CANDIDATES = catalogue(FORMULATION).candidates
-BESIDE = [a.effect for a in catalogue(FORMULATION).alternatives]
 
 
 def _visible(effect: Effect, formulation) -> float:
@@ -41,23 +40,6 @@ def test_the_catalogue_holds_the_families_of_the_orthoglide() -> None:
     served = {family.name for family in families("orthoglide") if family.names_in(FORMULATION)}
     assert served == {*blind.TARGETS, *more}
     assert len({name_of(effect) for effect in CANDIDATES}) == len(CANDIDATES)
-
-
-@pytest.mark.parametrize("effect", [*CANDIDATES, *BESIDE], ids=name_of)
-def test_a_candidate_is_the_identity_at_zero_and_its_jacobian_agrees_with_differences(effect: Effect) -> None:
-    model = Model(FORMULATION).with_effects(effect)
-    x = model.start
-    x[:6] = [0.3, -0.5, 0.2, 0.1, 0.4, -0.2]
-    k = len(effect.coefficients)
-    np.testing.assert_array_equal(model.residuals(x), Model(FORMULATION).residuals(x[:6]))
-    small = 1e-6 if effect.unit in ("rad", "1", "mm/s") else 1e-4
-    x[6:] = small * np.linspace(1, 2, k)
-    jacobian = model.jacobian(x)[:, 0, 6:]
-    for column in range(k):
-        step = np.zeros(len(x))
-        step[6 + column] = 50 * small
-        numeric = (model.residuals(x + step) - model.residuals(x - step))[:, 0] / (100 * small)
-        np.testing.assert_allclose(jacobian[:, column], numeric, atol=2e-5 * max(1e-3, np.abs(numeric).max()))
 
 
 def test_declared_twins_leave_the_same_trace_and_name_each_other() -> None:

@@ -197,11 +197,6 @@ REFUSED: dict[str, tuple[str, Callable[[Sheet, str], Sheet], str]] = {
         lambda s, r: s.times(r, 180 / np.pi),
         "radians are needed .mult",
     ),
-    "metres_for_millimetres": (
-        "tracked",
-        lambda s, r: s.times("x", 1e-3).times("y", 1e-3),
-        "x, y are multiplied by 1000: look like m",
-    ),
     "metres_of_a_gauge": ("orthoglide", lambda s, r: s.times(r, 1e-3), "look like metres, millimetres are needed"),
     "micrometres_of_a_gauge": ("orthoglide", lambda s, r: s.times(r, 1e4), "look like micrometres, millimetres"),
     "metres_on_an_own_machine": (
@@ -342,16 +337,16 @@ def as_it_is(which: str, folder: Any) -> Any:
 
 
 ALIKE: dict[str, tuple[str, Callable[[Sheet, str], Sheet]]] = {  # other ways to write the same readings
-    "decimal_commas": ("all", lambda s, r: semicolons(s)),
-    "tabs": ("all", lambda s, r: replace(s, parted="\t")),
-    "windows_letters": ("all", lambda s, r: replace(s.beside("Höhe", lambda i: "1"), encoding="cp1252")),
-    "utf_16": ("all", lambda s, r: replace(s, encoding="utf-16")),
-    "a_mark_of_utf_8": ("all", lambda s, r: replace(s, encoding="utf-8-sig")),
-    "a_preamble": ("all", lambda s, r: replace(s, before="Tracker AT960\nOperator: Anna\n\n")),
-    "comments": ("all", lambda s, r: replace(s, before="# made by hand\n# on a Sunday\n")),
+    "decimal_commas": ("arm", lambda s, r: semicolons(s)),
+    "tabs": ("arm", lambda s, r: replace(s, parted="\t")),
+    "windows_letters": ("arm", lambda s, r: replace(s.beside("Höhe", lambda i: "1"), encoding="cp1252")),
+    "utf_16": ("arm", lambda s, r: replace(s, encoding="utf-16")),
+    "a_mark_of_utf_8": ("arm", lambda s, r: replace(s, encoding="utf-8-sig")),
+    "a_preamble": ("arm", lambda s, r: replace(s, before="Tracker AT960\nOperator: Anna\n\n")),
+    "comments": ("arm", lambda s, r: replace(s, before="# made by hand\n# on a Sunday\n")),
     "capitals_of_split": ("all", lambda s, r: s.column("split", lambda i, cell: cell.upper())),
-    "names_of_its_own": ("all", lambda s, r: s.called(r, "Wert 2").stating(columns={r: "Wert 2"})),
-    "names_as_a_word": ("all", lambda s, r: s.called(r, "Wert 2").stating(columns=f"{r}:Wert 2")),
+    "names_of_its_own": ("arm", lambda s, r: s.called(r, "Wert 2").stating(columns={r: "Wert 2"})),
+    "names_as_a_word": ("arm", lambda s, r: s.called(r, "Wert 2").stating(columns=f"{r}:Wert 2")),
     "times_by_the_clock": ("arm", lambda s, r: s.column("t_s", iso)),
     "milliradians": ("arm gpm2002", lambda s, r: s.times(r, 1e3).called(r, f"{r} (mrad)")),
     "degrees_that_say_so": ("arm gpm2002", lambda s, r: s.times(r, 180 / np.pi).called(r, f"{r} [°]")),
