@@ -94,7 +94,7 @@ def undrawn():
         yield
 
 
-@pytest.mark.usefixtures("at_one_noise", "undrawn")
+@pytest.mark.usefixtures("at_one_noise", "without_formula", "undrawn")
 @pytest.mark.parametrize("block", list(blocks("sh")))
 def test_the_commands_of_the_documents_are_given(block, here, small_study, capsys):
     from calibench import problems

@@ -22,7 +22,7 @@ from calibench.bench.store.manifest import remaining_by_budget
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.request import read_request
 
-pytestmark = pytest.mark.usefixtures("one_process")
+pytestmark = pytest.mark.usefixtures("one_process", "undrawn")
 
 BEST, OTHER, THIRD = ("a", "{}"), ("b", "{}"), ("c", "{}")
 

@@ -88,19 +88,6 @@ def test_the_calibrated_urdf_is_the_old_file_with_other_origins(here, calibrate)
     assert np.abs(nominally - between).max() > 0.8
 
 
-@pytest.mark.slow
-def test_an_arm_that_was_calibrated_is_left_alone(here, calibrate):
-    q, seen, _ = measured(60)
-    (here / "my.csv").write_text(table(q, seen))
-    found = calibrate("data=my.csv")
-    (here / "my.urdf").write_text(Path(found["files"]["urdf"]).read_text())
-    fresh, seen, _ = measured(60, seed=11)
-    (here / "my.csv").write_text(table(fresh, seen))
-    again = calibrate("data=my.csv")
-    assert again["before"]["rms"] < 0.12
-    assert again["after"]["rms"] > 0.5 * again["before"]["rms"]
-
-
 def test_a_true_arm_keeps_its_urdf(here, calibrate):
     q, seen, _ = measured(40, truth={})
     (here / "my.csv").write_text(table(q, seen))

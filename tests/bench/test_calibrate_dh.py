@@ -122,21 +122,6 @@ def test_what_was_hidden_in_a_table_comes_back_within_its_errors(bench, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["ur10", pytest.param("craig", marks=pytest.mark.slow)])
-def test_who_predicts_rows_held_back_by_the_written_table_finds_the_error_that_is_told(bench, name):
-    q, seen, hold = measured(name, 70, hold=15)
-    found = bench(*words(name))
-    told = [numbers(row) for row in written(found["files"]["dh"])]
-    beta = {("beta", k): row[4] for k, row in enumerate(told)}
-    arm = reached([(*row[:4], "r") for row in told], q, ARMS[name][1], beta)
-    x, y, z, *angles = found["frames"]["base"]
-    place = arm[:, :3, 3] + arm[:, :3, :3] @ (np.array(found["frames"]["target"][:3]) / 1000)
-    there = np.array([x, y, z]) / 1000 + place @ turned(*angles).T
-    left = 1000 * np.linalg.norm((there - seen)[hold], axis=1)
-    assert np.sqrt((left**2).mean()) == pytest.approx(found["after"]["rms"], rel=1e-3)
-
-
-@pytest.mark.slow
 def test_only_numbers_that_the_data_determine_are_others_than_they_were(bench):
     measured("ur10")
     found = bench(*words("ur10"))
@@ -165,16 +150,6 @@ def test_the_urdf_that_is_written_is_the_arm_of_the_table_that_is_written(bench)
     wanted = reached([(*row[:4], "r") for row in told], q, standard, {("beta", k): r[4] for k, r in enumerate(told)})
     chain = read_urdf(found["files"]["urdf"]).chain()
     np.testing.assert_allclose(forward(chain, nominal(chain), q)[:, :3, 3] / 1000, wanted[:, :3, 3], atol=1e-8)
-
-
-@pytest.mark.slow
-def test_a_calibrated_table_is_read_again_and_left_alone(bench):
-    measured("ur10")
-    found = bench(*words("ur10"))
-    measured("ur10", seed=9)
-    again = bench("calibrate", f"dh={found['files']['dh']}", "data=ur10.csv", "page=false")
-    assert again["before"]["rms"] < 0.12
-    assert again["after"]["rms"] > 0.5 * again["before"]["rms"]
 
 
 def test_a_true_arm_keeps_its_table(bench, monkeypatch):
@@ -211,14 +186,6 @@ def test_an_arm_by_its_table_and_by_its_urdf_is_one_arm_to_every_verb(bench, her
     by_table = bench("calibrate", "machine=arm", "dh=t.csv", "convention=standard", "data=ur10.csv", "page=false")
     assert by_table["after"]["rms"] == pytest.approx(calibrated["after"]["rms"], rel=0.02)
     assert "--json" not in capsys.readouterr().err
-
-
-@pytest.mark.slow  # a search
-def test_causes_are_searched_with_a_table_as_with_a_urdf(bench, here):
-    measured("ur10", 60)
-    table = ("machine.dh=ur10_dh.csv", "machine.convention=standard")
-    found = bench("discover", "machine=arm", *table, "data=ur10.csv", "sigma_mm=0.03")
-    assert found["verdict"] == "none"
 
 
 def test_the_convention_that_the_readings_fit_is_told_where_none_is_stated(bench):
@@ -349,17 +316,6 @@ def test_two_columns_of_a_table_that_are_exchanged_are_told(bench, one, other, h
     assert f"the readings fit the arm if columns {one} and {other} are exchanged. " in bench(*words("stanford"), code=2)
 
 
-@pytest.mark.slow
-def test_two_names_that_are_exchanged_are_told(bench):
-    measured("ur10", 40)
-    spoilt("ur10", UR10, [f"axis_{k}" for k in (1, 4, 3, 2, 5, 6)])
-    told = bench(*words("ur10"), code=2)
-    assert "axis_2" in told
-    assert "axis_4" in told
-    assert "exchange" in told
-    assert told.count("\n") == 1
-
-
 def test_a_table_with_german_headings_gives_a_urdf_with_names_that_ros_takes(bench):
     measured("ur10", 60)
     german = as_csv(UR10, "Gelenk,Typ,a [m],alpha [rad],d [m],theta [rad]", [f"Gelenk {k}" for k in range(1, 7)])
@@ -422,18 +378,6 @@ def test_a_calibration_that_leaves_more_than_an_arm_errs_says_so(bench, noise, f
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("stated", "really"), [("mm", "m"), pytest.param("cm", "m", marks=pytest.mark.slow)])
-def test_a_rail_in_another_unit_than_its_heading_says_is_told_with_the_cure(bench, stated, really):
-    measured("stanford", 40)
-    text = Path("stanford.csv").read_text()
-    Path("stanford.csv").write_text(text.replace("axis_3 [m]", f"axis_3 [{stated}]"))
-    told = bench(*words("stanford"), code=2)
-    assert f"mm with axis_3 in {really}: units=axis_3:{really}" in told
-    found = bench(*words("stanford", f"units=axis_3:{really}"))
-    assert found["after"]["rms"] < 0.09
-
-
-@pytest.mark.slow
 def test_a_joint_of_a_table_that_slides_the_other_way_is_told_as_what_it_is(bench):
     measured("stanford", 40)
     lines = [line.split(",") for line in Path("stanford.csv").read_text().splitlines()]
@@ -474,17 +418,6 @@ def test_mm_below_a_heading_of_m_are_told_as_such_where_the_limits_are_mm(bench)
         "\n".join([f"{table[0]},lower,upper", *(f"{row}{more}" for row, more in zip(table[1:], limits, strict=True))])
     )
     assert "2 mm with axis_3 in mm: units=axis_3:mm" in bench(*words("stanford"), code=2)
-
-
-@pytest.mark.slow
-def test_a_rail_goes_in_the_urdf_as_far_as_its_readings(bench):
-    measured("stanford", 60)
-    found = bench(*words("stanford"))
-    joint = read_urdf(found["files"]["urdf"]).chain().joints[2]
-    assert 300 <= joint.lower < 400
-    assert 1100 < joint.upper <= 1200
-    again = bench("calibrate", f"urdf={found['files']['urdf']}", "data=stanford.csv", "page=false")
-    assert again["before"]["rms"] < 0.12
 
 
 def five_rows():

@@ -106,17 +106,6 @@ def test_a_tracker_that_went_elsewhere_is_refused_by_a_search_as_well(calibrate,
     assert "30 of 80 poses, row 51 to row 80, fit the arm by themselves only" in said.out + said.err
 
 
-@pytest.mark.slow
-def test_a_kick_is_told_by_a_search_with_the_row_of_the_file(calibrate, tmp_path, capsys):
-    q, seen, _ = measured(60)
-    seen[36:] += [4.0, -3.0, 2.0]
-    (tmp_path / "my.csv").write_text(table(q, seen))
-    with pytest.raises(SystemExit):
-        main(["discover", "machine=arm", "machine.urdf=my.urdf", "data=my.csv", "units=x:mm,y:mm,z:mm"])
-    assert "displacement of the base" in (told := capsys.readouterr().out)
-    assert "from row 37 on" in told
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_numbers_that_other_poses_would_tell_stand_apart_from_those_that_look_like_others(
     tmp_path, monkeypatch, capsys

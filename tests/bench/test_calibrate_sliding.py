@@ -15,7 +15,7 @@ from calibench.discrepancy import DataError
 from calibench.discrepancy.labels import quantity_label
 from calibench.discrepancy.procedure import explain
 from calibench.discrepancy.registries import machines
-from tests.bench.arm_by_hand import about, texts
+from tests.bench.arm_by_hand import about
 from tests.few import few
 
 JOINTS = (  # name, place behind the joint before [mm], axis, whether it slides
@@ -160,14 +160,13 @@ def test_copies_under_other_headings_than_ours_are_refused(lifter):
         explain(machines.make("arm", urdf="lifter.urdf"), data)
 
 
-def test_distances_that_are_none_are_refused_and_a_search_takes_no_distance(lifter, capsys):
+def test_distances_that_are_none_are_refused(lifter, capsys):
     lines = [",".join(line.split(",")[:6]) for line in (lifter / "lifter.csv").read_text().splitlines()]
     (lifter / "wire.csv").write_text("\n".join([lines[0].replace("X [mm]", "distance [mm]"), *lines[1:], ""]))
-    for words in (["calibrate", "urdf=lifter.urdf"], ["discover", "machine=arm", "machine.urdf=lifter.urdf"]):
-        with pytest.raises(SystemExit) as ended:
-            main([*words, "data=wire.csv"])
-        assert ended.value.code == 2
-        assert "readings of a distance and nominal arm lie" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", "urdf=lifter.urdf", "data=wire.csv"])
+    assert ended.value.code == 2
+    assert "readings of a distance and nominal arm lie" in capsys.readouterr().err
 
 
 def test_no_error_over_a_joint_is_cut_off_by_the_joints_before_it():
@@ -180,22 +179,3 @@ def test_no_error_over_a_joint_is_cut_off_by_the_joints_before_it():
     assert [label.get_text() for label in axes.get_xticklabels()] == ["first\n-1 to 1 °", "second\n-1 to 1 mm"]
     assert axes.get_ylim()[0] < table[["before", "after"]].to_numpy().min()
     assert axes.get_ylim()[1] > table["before"].max()
-
-
-@pytest.mark.slow
-def test_a_joint_that_slides_may_be_in_metres_without_a_unit(lifter, capsys):
-    rows = [line.split(",") for line in (lifter / "lifter.csv").read_text().splitlines()[1:]]
-    head = HEAD.replace(" [mm]", "", 1) + ",direction lift"
-    lines = [",".join([row[0], f"{float(row[1]) / 1000:.8f}", *row[2:]]) for row in rows]
-    (lifter / "m.csv").write_text("\n".join([head, *lines, ""]))
-    told = {}
-    for name in ("lifter", "m"):
-        with pytest.raises(SystemExit) as ended:
-            main(["calibrate", "urdf=lifter.urdf", f"data={name}.csv", "page=false", "--json"])
-        assert ended.value.code == 0
-        told[name] = json.loads(capsys.readouterr().out)
-    assert "lift: no unit is stated; it fits the arm in m" in texts(told["m"])
-    assert told["m"]["after"]["rms"] == pytest.approx(told["lifter"]["after"]["rms"], rel=1e-2)
-    left = read_measured(told["m"]["files"]["readings"], "arm")
-    assert dict(left.units)["q_lift"] == "mm"
-    assert np.ptp(left["q_lift"]) > 300

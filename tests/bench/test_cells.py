@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,18 +10,14 @@ import pytest
 from scipy.stats import binomtest
 
 from calibench import bench, optimizers, problems
-from calibench.bench.cli import main
 from calibench.bench.commands.cells import print_summary
-from calibench.bench.papers import ADDITIONS
 from calibench.bench.papers.cong2008 import figures as paper_tables
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.html_tables import methods, ranked
-from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import ranking, summary, tables
 from calibench.bench.statistics.cells import CELL, mixed_code
 from calibench.bench.statistics.names import method_labels, problem_titles
 from calibench.bench.store.arrays import RUNS_SCHEMA, to_pandas
-from calibench.bench.store.runs import ResultStore
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
@@ -234,28 +229,6 @@ def test_the_terminal_shows_what_was_swept_and_the_best_first(made, capsys):
     assert [(line.split()[3], line.split()[4]) for line in lines] == [
         ("pso", "100"), ("de", "100"), ("de", "900"), ("pso", "900")
     ]  # fmt: skip
-
-
-@pytest.mark.slow
-def test_a_report_has_only_what_its_study_has(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    store = ResultStore(tmp_path / "eleven")
-    store.open()
-    for name in ("trf", "lm"):
-        store.write(bench.execute(problems.make("full11"), optimizers.make(name), budget=100))
-    written = {path.name for path in write_report(store, ADDITIONS)}
-    assert {"convergence_full11.png", "identifiability.csv", "calibrated.csv"} <= written
-    assert not {"gauge.png", "plans.png"} & written
-    own = ResultStore(tmp_path / "own")
-    own.open()
-    own.write(bench.execute(Bowl(), optimizers.make("de"), budget=60))
-    written = write_report(own, ADDITIONS)
-    assert {path.name for path in written if path.suffix == ".csv" and path.parent == own.folder} == {"summary.csv"}
-    assert all(path.stat().st_size > 1 for path in written)
-    assert "kmrmse" not in (own.folder / "report.html").read_text()
-    with pytest.raises(SystemExit) as ended:
-        main(["report", str(own.folder)])
-    assert ended.value.code == 0
 
 
 def test_a_page_of_many_methods_needs_no_target(made):

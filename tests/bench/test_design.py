@@ -1,12 +1,9 @@
 """`bench design`: what data or a plan could tell apart, as tables and as JSON, before anything is fitted."""
 
 import json
-from typing import get_args
 
 import pytest
 
-from calibench.problems.orthoglide import plans as orthoglide
-from calibench.problems.planar import gpm2002 as planar
 from tests.bench.test_discover import call
 
 
@@ -71,20 +68,6 @@ def test_readings_that_a_model_meets_to_rounding_are_none_too_far_off_and_show_e
     )  # the plan is alike in x, y, z
     assert 0.2 < seen["guide_lean axis x"] < 0.6
     assert seen["axis_orthogonality all"] > 0.9
-
-
-@pytest.mark.slow
-def test_every_plan_that_is_listed_can_be_made(capsys):
-    of_planar, of_orthoglide = get_args(planar.PlanName), get_args(orthoglide.PlanName)
-    assert {"grid", "disc"} <= {*of_planar}
-    assert "cross" in of_orthoglide
-    for machine, options, plans in (
-        ("gpm2002", "plan.radius=90 plan.n=30", of_planar), ("orthoglide", "", of_orthoglide),
-    ):  # fmt: skip
-        for plan in plans:
-            code, out, _ = call(f"design machine={machine} plan={plan} {options} next=0 --json", capsys)
-            assert code == 0
-            assert json.loads(out)["readings"] > 0
 
 
 def test_readings_are_proposed_for_names_that_readings_can_split(capsys):

@@ -295,21 +295,6 @@ def test_a_machine_of_ones_own_is_searched_by_its_path(tmp_path, monkeypatch, ca
     assert options["machine"]["name"] == "my_machine:Mine"
 
 
-@pytest.mark.slow
-def test_a_set_is_searched_again_when_the_code_of_its_machine_has_changed(tmp_path):
-    base = "from calibench.discrepancy.machines.gpm2002.formulation import Gpm2002\n"
-    code = base + "class Mine(Gpm2002):\n    edition = {}\n"
-    words = ["discover", "machine=./mine.py:Mine", "data=demo_nothing", "pages=none"]
-    said = []
-    for edition in (1, 1, 2):
-        (tmp_path / "mine.py").write_text(code.format(edition))
-        done = subprocess.run(
-            [sys.executable, "-m", "calibench", *words], cwd=tmp_path, capture_output=True, text=True, check=True
-        )
-        said.append("searched before" in done.stdout)
-    assert said == [False, True, False]
-
-
 def spoil(folder, names):
     for k, name in enumerate(names):
         spoiled = SPOILED[name](case(3 + k))

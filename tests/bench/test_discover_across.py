@@ -38,8 +38,6 @@ def test_other_sets_are_told_on_the_terminal_in_the_report_and_on_the_page(days,
     page = (tmp_path / "discover" / "day1" / "report.html").read_text()
     assert "In other sets of this machine" in page
     assert "searched before" in call(words, capsys)[1]
-    code, out, _ = call(_words(days, tmp_path, f"{days}/day2.csv") + " --json", capsys)
-    assert [row["case"] for row in json.loads(out)["across"]] == ["day2"]
 
 
 def test_a_day_that_changes_is_looked_at_again(days, tmp_path, capsys):

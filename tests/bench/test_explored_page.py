@@ -8,8 +8,7 @@ import pandas as pd
 import pytest
 
 from calibench import bench, optimizers, problems
-from calibench.bench.report.shared.drawing import COLOURS, DASHES, Drawings
-from calibench.bench.report.study import figures, write
+from calibench.bench.report.study import figures
 from calibench.bench.report.study.answer import answer
 from calibench.bench.report.study.explored import (
     Panel,
@@ -404,28 +403,3 @@ def test_the_answer_says_that_answers_lie_outside_the_box(store):
     outside = answered(store, lambda runs: runs.assign(inside_box=False))
     assert outside.best.startswith(told.best)
     assert "answers lie outside the box" in outside.best
-
-
-@pytest.mark.slow
-def test_a_method_has_one_colour_in_every_drawing_and_on_the_page(store, monkeypatch):
-    """Drawings differ in which method comes first: convergence by the rows, the runtime ECDF by the shares."""
-    caught = []
-
-    def draws(drawable, folder, tell, kept):
-        caught.extend(drawable)
-        return Drawings(drawable, folder, tell, kept)
-
-    monkeypatch.setattr(write, "Drawings", draws)
-    write_report(store)
-    order = [method["name"] for method in numbers_of(store)["methods"]]
-    wanted = {method: (COLOURS[i], DASHES[i]) for i, method in enumerate(order)}
-    lined = [draw for name, draw in caught if name.partition("_")[0] in ("ecdf", "convergence")]
-    assert len(lined) == 3
-    seen = []
-    for draw in lined:
-        figure, _ = draw()
-        lines = [line for axes in figure.axes for line in axes.get_lines() if line.get_label() in wanted]
-        assert {line.get_label(): (line.get_color(), line.get_linestyle()) for line in lines} == wanted
-        seen.append([line.get_label() for line in lines])
-    assert seen[0][0] != seen[0][-1]
-    assert any(labels != order for labels in seen)

@@ -205,18 +205,6 @@ def test_the_version_of_other_code_is_said_in_words(call):
     assert " then)" not in err
 
 
-@pytest.mark.slow
-def test_failures_name_all_options_that_are_not_the_default(call, tmp_path):
-    call(
-        "run", "problem=./mine.py:Bowl", "problem.broken=true", "optimizer=de", "optimizer.population=12", "budget=50",
-        "seeds=1",
-    )  # fmt: skip
-    page = write_report(ResultStore(tmp_path / "results" / "adhoc"))[-1].read_text()
-    failures = page[page.index("<h2 id=failures>") :]
-    assert "de population=12" in failures
-    assert "broken=True" in failures
-
-
 def test_powers_of_ten_are_plain_text_and_a_figure_is_laid_out_once(tmp_path):
     runs = pd.DataFrame(columns=["charged", "best_value"])
     assert runs.empty

@@ -23,6 +23,7 @@ from calibench.discrepancy import DataError
 
 DEEP = "[" * 100_000 + "]" * 100_000
 MANY = 40_000_000  # numbers
+PLAIN = {"use_dictionary": False, "write_statistics": False, "compression": "lz4"}  # sooner written
 MEMORY = 300_000_000  # bytes above what is there before: no file below may take as much
 
 
@@ -115,7 +116,7 @@ HOSTILE = {
         "has 100000 characters",
     ),
     "list.in.parquet": (
-        lambda path: table(path, {"enc_1": pa.ListArray.from_arrays([0, MANY], np.zeros(MANY))}, use_dictionary=False),
+        lambda path: table(path, {"enc_1": pa.ListArray.from_arrays([0, MANY], np.zeros(MANY))}, **PLAIN),
         "it holds list",
     ),
     "many.parquet": (lambda path: table(path, {"enc_1": np.zeros(60_000_000, np.int8)}), "60000000 rows of 1 columns"),
@@ -222,7 +223,7 @@ def test_one_file_that_cannot_be_read_is_one_line_and_nothing_is_written(folder,
     assert os.listdir(folder) == ["pipe.csv"]
 
 
-@pytest.mark.parametrize("named", ["data=many/*", "data=many", "data=many/*.csv,many/*.parquet"])
+@pytest.mark.parametrize("named", ["data=many", "data=many/*.csv,many/*.parquet"])
 def test_the_files_beside_a_hostile_one_are_answered(named):
     os.mkdir("many")
     names = ["pipe.csv", "zero.parquet", "ten_gigabytes.csv", "deep.csv", "wide.parquet", "folder.csv", "packed.csv"]

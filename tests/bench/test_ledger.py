@@ -44,7 +44,9 @@ from calibench.bench.papers.pashkevich2008 import experiments
 from calibench.bench.papers.pashkevich2008.machine import fitted, table2_differences
 from calibench.bench.papers.rerun import PAPERS as REGISTERED, agreed, differing, run_paper
 from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep import costs
 from calibench.problems import constants
+from tests.bench.conftest import empty_drawings
 from tests.few import few
 
 PAPERS = ("cong2008", "pashkevich2008")
@@ -86,7 +88,9 @@ def searches(computed, monkeypatch):
 
 def _rerun(results):
     """Rerun both papers; the page of the Orthoglide's experiments, a third of the time, has slow tests of its own."""
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, empty_drawings():
+        patch.setattr(costs, "CAN_FORK", False)  # what an evaluation takes is no matter here
+        patch.setattr(costs, "_MEASURING", 1e-3)
         patch.setattr(experiments, "write_page", lambda path: path)
         found = {key: dict(actual.searches(key)) for key in COLUMNS}  # first, for what forks here to have them
         return run_paper(budget=800, seeds=1, results=results, execution="serial"), found

@@ -422,17 +422,6 @@ def test_a_deterministic_method_repeats_itself_on_no_noisy_problem(call, tmp_pat
     assert len(ResultStore(tmp_path / "results" / "still").runs()) == 1
 
 
-@pytest.mark.slow
-def test_noisy_rows_are_the_same_with_any_number_of_workers_and_after_a_resume(call, tmp_path):
-    words = ("run", "problem=story:Noisy", "optimizer=nlopt_LN_BOBYQA", "budget=30")
-    call(*words, "seeds=3", "study=one")
-    call(*words, "seeds=2:3", "study=two")
-    call(*words, "seeds=3", "study=two", "execution=processes", "execution.n_jobs=2")
-    one, two = (ResultStore(tmp_path / "results" / name).runs().set_index("run_id") for name in ("one", "two"))
-    columns = ["best_value", "judged_value", "judged_evaluations"]
-    assert one[columns].equals(two.loc[one.index, columns])
-
-
 def test_a_value_below_the_declared_minimum_is_said_in_one_line(call):
     words = ("problem=story:Wrong,story:Volts,story:Noisy", "optimizer=nlopt_LN_BOBYQA", "budget=60", "seeds=2")
     _, out, _ = call("run", "-m", *words)

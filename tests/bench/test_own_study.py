@@ -172,23 +172,6 @@ def test_an_option_goes_to_a_class_of_a_file_by_the_name_of_the_class(call, here
     assert "opt.Twice: Twice is not in this sweep" in err
 
 
-@pytest.mark.slow
-def test_a_dry_run_says_what_the_run_would_do_with_rows_of_other_code(call, here):
-    command = "run problem=./mine.py:Bowl optimizer=./mine.py:Once budget=5 seeds=2"
-    call(command)
-    (here / "mine.py").write_text(BOWL.replace("objective.start - self", "objective.start + self"))
-    assert call(command)[0] == 2
-    code, out, _ = call(f"{command} --dry-run")
-    assert code == 2
-    assert "2 done, 0 left" in out
-    code, out, _ = call(f"{command} --dry-run --keep")
-    assert code == 0
-    assert "they are kept" in out
-    code, out, _ = call(f"{command} --dry-run --rerun")
-    assert code == 0
-    assert "0 done, 2 left" in out
-
-
 def test_a_file_is_the_same_problem_from_any_folder_and_in_any_process(call, here, monkeypatch):
     deep = here / "v1.2" / "a b"
     deep.mkdir(parents=True)

@@ -196,29 +196,6 @@ def test_a_study_is_reported_whose_optimiser_keeps_its_traits_in_a_field(here):
     assert write_report(store)[-1].name == "report.html"
 
 
-@pytest.mark.slow
-def test_a_problem_of_many_options_is_exported_under_a_name_that_a_file_may_have(call, here):
-    words = (
-        "-m",
-        "problem=./own_suite.py:Fit",
-        "problem.reader.skip=[],[1.25]",
-        "optimizer=de",
-        "budget=20",
-        "seeds=1",
-    )
-    folder = here / ("folder " * 30).strip()
-    folder.mkdir()
-    (folder / "readings.csv").write_text("1.0\n2.0\n")
-    assert call("run", *words, f"problem.data='{folder}/readings.csv',readings.csv", "study=s")[0] == 0
-    code, out, err = call("export", "ioh", "results/s", "--to", "out")
-    assert (code, err) == (0, "")
-    assert "4 functions" in out
-    names = [path.name for path in here.glob("out/*/*.json")]
-    assert len({*names}) == 4
-    assert all(len(name) < 200 and "raises" not in name for name in names)
-    assert call("import", "ioh", "out", "--to", "results/back")[0] == 0
-
-
 @pytest.mark.parametrize("text", ["λ" * 200, "配" * 200, "a" * 200])
 def test_a_files_name_is_bounded_in_bytes(text):
     assert len(file_name(text).encode()) < 150

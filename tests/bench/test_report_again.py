@@ -62,6 +62,7 @@ def test_a_run_more_draws_the_figures_of_its_problem_alone(run_bench, study):
     assert drawn == {"ecdf", "convergence_sensor_zero", "target_sensor_zero"}
 
 
+@pytest.mark.usefixtures("blank")
 def test_a_report_is_the_same_where_a_process_beside_it_builds_the_problems(run_bench, study, monkeypatch):
     made = []
     for can_fork in (CAN_FORK, False):

@@ -53,24 +53,28 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", SPOILT)
-def test_both_verbs_name_one_mistake_with_one_cure(folder, name, monkeypatch, capsys):
+def test_a_mistake_has_one_cure_whether_an_arm_is_calibrated_or_searched(folder, name, monkeypatch):
     _, code, cure = SPOILT[name]
     monkeypatch.chdir(folder)
-    lines = []
-    for words in (["calibrate", "urdf=my.urdf", "page=false"], ["discover", "machine=arm", "machine.urdf=my.urdf"]):
-        with pytest.raises(SystemExit) as ended:
-            main([*words, f"data={name}.csv"])
-        assert ended.value.code == 2
-        lines.append(capsys.readouterr().err)
-    assert lines[0] == lines[1]
-    assert cure in lines[0]
-    assert lines[0].count("\n") == 1
-    data = read_measured(folder / f"{name}.csv", "arm")
+    data = read_measured(f"{name}.csv", "arm")
     for refuse in (lambda: calibench.calibrate("my.urdf", data.columns), lambda: Arm("my.urdf").formulate(data)):
         with pytest.raises(DataError) as refused:
             refuse()
         assert refused.value.note.code is code
         assert cure in refused.value.note.text
+
+
+def test_both_verbs_say_it_in_one_line(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    lines = []
+    for words in (["calibrate", "urdf=my.urdf", "page=false"], ["discover", "machine=arm", "machine.urdf=my.urdf"]):
+        with pytest.raises(SystemExit) as ended:
+            main([*words, "data=turned.csv"])
+        assert ended.value.code == 2
+        lines.append(capsys.readouterr().err)
+    assert lines[0] == lines[1]
+    assert SPOILT["turned"][2] in lines[0]
+    assert lines[0].count("\n") == 1
 
 
 def test_what_is_no_mistake_that_is_known_is_told_as_another_arm(folder):

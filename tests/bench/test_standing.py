@@ -216,7 +216,7 @@ def test_options_that_cannot_be_sent_are_run_all_the_same(rig: str) -> None:
     assert (run.status, run.row["error_type"]) == ("failed", "ProcessDied")
 
 
-@pytest.mark.parametrize("execution", [["serial"], ["processes", "execution.n_jobs=2"]], ids=str)
+@pytest.mark.parametrize("execution", [["processes", "execution.n_jobs=2"]], ids=str)
 def test_a_limit_changes_no_bit_of_a_sweep(rig: str, tmp_path: Path, execution: list[str]) -> None:
     found = []
     for limit in ([], ["time_limit=60"]):

@@ -143,8 +143,8 @@ def test_a_line_that_was_cut_is_no_run_and_costs_no_other(store, runs):
     assert len(store.runs()) == 3
 
 
-@pytest.mark.parametrize("place", [0, 5, 12, 60, 400, -20, -1])
-@pytest.mark.parametrize("number", [0, 1, 3, 4])
+@pytest.mark.parametrize("place", [0, 5, 60, -1])
+@pytest.mark.parametrize("number", [0, 1, 4])
 def test_damage_to_one_line_costs_at_most_the_run_of_that_line(store, runs, number, place):
     """Two of the five lines are headers. The last byte is the newline itself."""
     for run in runs:

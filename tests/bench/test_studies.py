@@ -261,10 +261,9 @@ def test_sql_reads_files_of_any_name_and_of_fewer_columns_and_leaves_out_the_dam
         assert (rows, left_out.path) == ([(2, True)], (results / "odd 1").absolute())
 
 
-@pytest.mark.parametrize("table", ["runs", "traces"])
-def test_sql_leaves_out_a_table_with_a_damaged_byte_wherever_it_is(results, table):
+def test_sql_leaves_out_a_table_with_a_damaged_byte_wherever_it_is(results):
     pytest.importorskip("duckdb")
-    path, asked = results / "one" / f"{table}.parquet", f"select count(distinct run_id) from {table}"
+    path, asked = results / "one" / "traces.parquet", "select count(distinct run_id) from traces"
     query(results, asked)
     whole, read_at = path.read_bytes(), path.stat()
     footer = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")

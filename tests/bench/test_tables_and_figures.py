@@ -222,21 +222,6 @@ def test_the_printed_twelve_parameter_results_lie_on_the_gauge_curve():
     assert scale["table7.de_j3"] == pytest.approx(0.9995925, abs=1e-6)
 
 
-@pytest.mark.slow
-def test_a_study_of_a_users_own_problem_is_reported_too(tmp_path, monkeypatch):
-    (tmp_path / "own_bowl.py").write_text(
-        "import numpy as np\nclass Bowl:\n    lower, upper, start = -np.ones(2), np.ones(2), np.ones(2) / 2\n"
-        "    def __call__(self, x): return float(x @ x) - 1.0\n"
-    )
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    for command in ("run -m problem=own_bowl:Bowl optimizer=de,pso budget=300 seeds=2", "report results/adhoc"):
-        with pytest.raises(SystemExit) as ended:
-            main(command.split())
-        assert ended.value.code == 0
-    assert len(list((tmp_path / "results" / "adhoc" / "figures").glob("convergence_*.png"))) == 1
-
-
 def test_measured_data_are_drawn_above_their_least_value(tmp_path):
     store = ResultStore(tmp_path / "study")
     store.open()

@@ -113,18 +113,6 @@ def test_a_sweep_that_is_ended_goes_on_with_no_run_done_twice_and_nothing_left_r
     pd.testing.assert_frame_equal(ResultStore("results/adhoc").traces(), ResultStore(whole).traces())
 
 
-@pytest.mark.slow
-def test_the_rows_do_not_depend_on_who_made_them(here):
-    words = ["problem=sensor_zero,full12", "optimizer=de,lm,nlopt_LN_BOBYQA", "budget=60", "seeds=4"]
-    for results, execution, n in (("one", "serial", 1), ("three", "processes", 3)):
-        subprocess.run(sweep(*words, results=results, execution=execution, n=n), check=True, capture_output=True)
-    pd.testing.assert_frame_equal(rows("one/adhoc"), rows("three/adhoc"))
-    pd.testing.assert_frame_equal(ResultStore("one/adhoc").traces(), ResultStore("three/adhoc").traces())
-    assert sorted(path.name for path in Path("three/adhoc").iterdir() if path.name[0] != ".") == [
-        "manifest.json", "runs.parquet", "traces.parquet",
-    ]  # fmt: skip
-
-
 DIES = """
 import os
 

@@ -15,6 +15,8 @@ from tests.discrepancy.test_repeats import _Gantry, _read_from_both_sides
 from tests.few import few
 from tests.independent.sound import five_bar
 
+pytestmark = pytest.mark.usefixtures("without_formula")
+
 
 def _rows(report: Report) -> set[int]:
     return {int(row) for note in report.notes if note.code is Code.ROWS_STAND_OUT for row in note.rows}

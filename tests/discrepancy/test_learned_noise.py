@@ -62,7 +62,7 @@ def _noise_of(report: Report) -> dict[str, float]:
     return {name: float(np.median(value)) for name, value in sigma.items()}
 
 
-@pytest.mark.parametrize("seed", few(2, range(6)))
+@pytest.mark.parametrize("seed", few(1, range(6)))
 @pytest.mark.parametrize(("error", "name"), [("play", "backlash"), ("screw", "screw_error")])
 def test_a_right_name_is_the_whole_where_nobody_states_the_noise(error: str, name: str, seed: int) -> None:
     report = explain(Table(), _readings(seed, error, 0.04))

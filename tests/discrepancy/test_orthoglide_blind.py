@@ -12,33 +12,11 @@ from tests.discrepancy.orthoglide_score import CONFOUNDED, Tally, explained, pla
 pytestmark = pytest.mark.usefixtures("at_one_noise")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "family", [f if k % 3 == 0 else pytest.param(f, marks=pytest.mark.slow) for k, f in enumerate(TARGETS)]
-)
-def test_a_hidden_effect_is_named_on_the_cross_plan(family: str) -> None:
-    hidden = case(1, family, plan=plan_of(family))
-    report = explained(hidden)
-    assert report.findings[0].effect == f"{family} {hidden.truth['target']}"
-    assert report.gap.held_out_after < 1.15 < report.gap.held_out_before
-    low, high = sorted(report.findings[0].amplitude.ci95)
-    size = hidden.truth["amplitude"]  # its sign is the simulator's own
-    assert low * 0.9 <= size <= high * 1.1 or low * 1.1 <= -size <= high * 0.9
-
-
 @pytest.mark.parametrize(
     "plan", [*(pytest.param(plan, marks=pytest.mark.slow) for plan in ("cross", "loaded")), "paper"]
 )
 def test_nothing_is_found_where_nothing_is_hidden(plan: str) -> None:
     assert [explained(case(seed, plan=plan)).verdict for seed in (0, 1)] == ["none", "none"]
-
-
-@pytest.mark.slow  # three searches a family
-@pytest.mark.parametrize("family", CONFOUNDED)
-def test_what_the_papers_plan_cannot_part_is_not_guessed(family: str) -> None:
-    told = tally(family, range(3), "paper")
-    assert told.guessed == 0
-    assert told.inside + told.silent == told.cases
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from calibench.bench.discovery.page.words import FIRST, headline, notes_among
 from calibench.discrepancy import Instrument, Joint, MeasuredData, Predicted, Roles, explain
 from calibench.problems.base import Parameter
 
-pytestmark = pytest.mark.usefixtures("at_one_noise")
+pytestmark = pytest.mark.usefixtures("at_one_noise", "without_formula")
 
 PARAMETERS = (
     Parameter("cx", "mm", 0.0, -1.0, 1.0),

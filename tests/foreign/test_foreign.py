@@ -14,13 +14,13 @@ from tests.foreign.run import case, handed, plainly, told, wilson
 
 
 @pytest.mark.parametrize("machine", sorted(MACHINES))
-@pytest.mark.parametrize("cause", sorted(FOREIGN))
-def test_each_cause_errs_on_each_machine(machine: str, cause: str) -> None:
-    drawn = case("foreign", 7, cause=cause, machine=machine, rows=200, visible=3.0)
-    sound = case("sound", 7, machine=machine, rows=200)
-    assert drawn.visible in (0.0, 3.0)
-    assert set(drawn.columns) == set(sound.columns)
-    assert all(np.isfinite(c).all() for c in drawn.columns.values() if c.dtype.kind == "f")
+def test_each_cause_errs_on_each_machine(machine: str) -> None:
+    sound = case("sound", 7, machine=machine, rows=90)
+    for cause in sorted(FOREIGN):
+        drawn = case("foreign", 7, cause=cause, machine=machine, rows=90, visible=3.0)
+        assert drawn.visible in (0.0, 3.0), cause
+        assert set(drawn.columns) == set(sound.columns), cause
+        assert all(np.isfinite(c).all() for c in drawn.columns.values() if c.dtype.kind == "f"), cause
 
 
 @pytest.mark.parametrize("machine", sorted(MACHINES))

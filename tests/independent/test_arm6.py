@@ -12,7 +12,7 @@ from tests.few import few
 from tests.independent.arm6 import AXES, Build, nominal, place
 from tests.independent.arm6_cases import case
 from tests.independent.arm6_faults import FAMILIES, FOREIGN, off
-from tests.independent.arm6_score import Answer, answer, in_a_set, overstated, own, score
+from tests.independent.arm6_score import Answer, answer, in_a_set, overstated, score
 from tests.independent.own_arm import START, SixAxisArm, reflector
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
@@ -104,20 +104,6 @@ def test_no_batch_shares_a_seed_with_another() -> None:
     batches = json.loads((ROOM / "arm6_batches.json").read_text())
     seeds = [seed for batch in batches for seed in range(batch["first"], batch["last"] + 1)]
     assert len(seeds) == len(set(seeds))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("family", ["play", "drift", "compliance", "growth", "second", "zero", "teeth"])
-def test_a_fault_of_visible_size_two_is_in_a_set(family: str) -> None:
-    found = told(11, family=family, visible=2.0, poses=60)
-    assert own(found)
-    assert in_a_set(found.truth.faults[0], found)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [21, 22, 23])
-def test_an_arm_without_faults_lacks_nothing(seed: int) -> None:
-    assert told(seed, kind="none", poses=60).verdict == "none"
 
 
 @pytest.mark.slow

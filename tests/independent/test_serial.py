@@ -377,8 +377,3 @@ def test_a_wave_whose_order_nobody_states_is_named_with_its_order():
     assert visible >= 1
     assert found["found"] == [[f"periodic_error {target}"]]
     assert found["orders"] == pytest.approx([order], abs=0.1)
-
-
-@pytest.mark.slow
-def test_a_sound_arm_of_unstated_teeth_has_no_waves():
-    assert wave_told("silence", 46003)["verdict"] == "none"

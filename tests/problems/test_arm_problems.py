@@ -30,7 +30,6 @@ DRAWN = [("arm_ur10", {"instance": k}) for k in (1, 2, 3, 4)] + [("arm_panda", {
         ("arm_ur10", {"series": "D", "reads": "pose", "robust": 1.0}),
         ("arm_panda", {}),
         ("arm_ur10", {"instance": 1}),
-        ("arm_panda", {"instance": 1}),
     ],
 )
 def test_all_laws_of_a_problem_are_kept(name, options):
@@ -188,11 +187,6 @@ def test_rotations_are_taken_by_the_order_that_is_stated(tmp_path):
         (
             lambda q, m: (q, m / 1000),
             r"x, y, z are taken for mm, and fit the arm when they are m: .*; write the unit",
-        ),
-        (lambda q, m: (q, m * [1, -1, 1]), "left-handed frame only: an axis points the other way"),
-        (
-            lambda q, m: (q + np.array([0, 0, 2, 0, 0, 0]), m),
-            "if -114.6° are added to joint elbow_joint",
         ),
         (lambda q, m: (q, m[::-1]), "is this the URDF of the arm"),
         (lambda q, m: (-q, m), "are the joints' zeros and senses those of the URDF"),

@@ -153,8 +153,11 @@ def fresh() -> MeasuredData:
 @pytest.mark.parametrize(("law", "machine", "said"), MACHINES, ids=[f"{law}-{said[:12]}" for law, _, said in MACHINES])
 def test_a_broken_law_of_machines_is_told_in_one_line(law: str, machine: Any, said: str) -> None:
     caught(testing.machine_checks(machine, fresh()), law, said)
-    with pytest.raises(AssertionError):
-        testing.check_machine(machine, fresh())
+
+
+def test_a_check_of_all_laws_ends_at_a_broken_one() -> None:
+    with pytest.raises(AssertionError, match=MACHINES[0][2]):
+        testing.check_machine(MACHINES[0][1], fresh())
 
 
 def test_a_unit_that_is_declared_otherwise_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -169,8 +169,11 @@ def test_a_broken_law_is_told_in_one_line(law: str, broken: Any, said: str) -> N
         dict(testing.optimizer_checks(broken))[law]()
     assert "\n" not in str(caught.value)
     assert str(caught.value).count("; ") >= 2  # law; what was found; what to do
-    with pytest.raises(AssertionError):
-        testing.check_optimizer(broken)
+
+
+def test_a_check_of_all_laws_ends_at_a_broken_one() -> None:
+    with pytest.raises(AssertionError, match="traits are Traits"):
+        testing.check_optimizer(DictOfTraits)
 
 
 def test_every_law_is_broken_once() -> None:

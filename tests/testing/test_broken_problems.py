@@ -255,8 +255,11 @@ def test_a_broken_law_is_told_in_one_line(law: str, broken: Callable[[], Any], s
         checks[law]()
     assert "\n" not in str(caught.value)
     assert str(caught.value).count("; ") >= 2  # law; what was found; what to do
-    with pytest.raises(AssertionError):
-        testing.check_problem(broken())
+
+
+def test_a_check_of_all_laws_ends_at_a_broken_one() -> None:
+    with pytest.raises(AssertionError, match=BROKEN[0][2]):
+        testing.check_problem(BROKEN[0][1]())
 
 
 def test_every_law_is_broken_once() -> None:
