@@ -63,25 +63,6 @@ def measured(n, hand_eye="eye_in_hand", noise=(0.0, 0.0), seed=3, spread=0.6, fl
     return np.asarray(flange), seen
 
 
-def park_martin(flange, seen):
-    """Return X of A X = X B (4, 4) by Park and Martin 1994, with the eye in the hand, from motions between all pairs.
-
-    A = F_i^-1 F_j of the flange and B = S_i S_j^-1 of the board in the camera.
-    """
-    n = len(flange)
-    motions = [
-        (np.linalg.inv(flange[i]) @ flange[j], seen[i] @ np.linalg.inv(seen[j])) for i in range(n) for j in range(i)
-    ]
-    m = sum(np.outer(vector_of(b[:3, :3]), vector_of(a[:3, :3])) for a, b in motions)
-    values, vectors = np.linalg.eigh(m.T @ m)
-    turn = vectors @ np.diag(values**-0.5) @ vectors.T @ m.T  # their eq. for the rotation: (M' M)^-1/2 M'
-    rows = np.concatenate([np.eye(3) - a[:3, :3] for a, _ in motions])
-    wanted = np.concatenate([a[:3, 3] - turn @ b[:3, 3] for a, b in motions])
-    made = np.eye(4)
-    made[:3, :3], made[:3, 3] = turn, np.linalg.lstsq(rows, wanted, rcond=None)[0]
-    return made
-
-
 QUATERNION, VECTOR = ("qx", "qy", "qz", "qw"), ("rx [rad]", "ry [rad]", "rz [rad]")
 
 

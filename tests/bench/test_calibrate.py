@@ -155,12 +155,6 @@ def test_a_quaternion_may_begin_with_its_real_part_and_is_none_where_it_is_zero(
     assert any(note.endswith("left out: row 8") for note in texts(found))
 
 
-def test_figarohs_names_are_read_as_they_are(here, calibrate):
-    q, seen, _ = measured(40)
-    (here / "my.csv").write_text(table(q, seen / 1000, ("x1", "y1", "z1")))
-    assert calibrate("data=my.csv")["after"]["rms"] < 0.08
-
-
 def test_joints_and_tracker_in_two_files_are_joined_row_by_row(here, calibrate):
     q, seen, _ = measured(40)
     np.savetxt(here / "tracker.csv", seen, delimiter=";", header="X [mm];Y [mm];Z [mm]", comments="", fmt="%.6f")

@@ -1,7 +1,5 @@
 """`bench discover machine=arm` reads as `bench calibrate` does: rotations of any name, FIGAROH's columns, sockets."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -39,21 +37,6 @@ def test_roll_pitch_and_yaw_are_read_as_rotations(arm, tmp_path):
     found = formulated(arm, tmp_path, posed(ROLL, lambda turns: turns.as_euler("xyz")))
     assert set(TURNED) <= set(found.readings)
     assert np.abs(np.stack([found.data[name] for name in TURNED])).max() < 20  # mrad
-
-
-@pytest.mark.parametrize(
-    ("angles", "words"),
-    [
-        (lambda turns: turns.as_euler("xyz", degrees=True), "roll, pitch and yaw (rotation=rpy), degrees"),
-        (lambda turns: turns.as_rotvec(), "a rotation vector (rotation=vector), rad"),
-    ],
-)
-def test_the_order_and_unit_of_rotations_are_found_and_told(arm, tmp_path, angles, words):
-    found = formulated(arm, tmp_path, posed(ROLL, angles))
-    assert set(TURNED) <= set(found.readings)
-    assert any(words in note.text for note in found.data.notes)
-    alone = replace(arm, observe="position").formulate(read_measured(tmp_path / "my.csv", "arm"))
-    assert not set(TURNED) & set(alone.readings)
 
 
 def test_the_names_of_figaroh_are_metres(arm, tmp_path):

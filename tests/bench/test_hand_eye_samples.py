@@ -41,11 +41,6 @@ def moveit(path):
     path.write_text("\n".join(lines) + "\n")
 
 
-def moveit_json(path):
-    samples = [{"effector_wrt_world": a.tolist(), "object_wrt_sensor": b.tolist()} for a, b in zip(A, B, strict=True)]
-    path.write_text(json.dumps(samples))
-
-
 def easy_handeye2(path):
     lines = ["samples:"]
     for a, b in zip(A, B, strict=True):
@@ -124,7 +119,6 @@ def table(tmp_path_factory):
     ("name", "writer", "words"),
     [
         ("moveit.yaml", moveit, ()),
-        ("moveit.json", moveit_json, ()),
         ("easy.yaml", easy_handeye2, ()),
         ("easy.json", easy_handeye, ()),
         ("opencv.npz", opencv, (IN_METRES,)),

@@ -104,8 +104,7 @@ def comparable(run: Run) -> dict[str, Any]:
     return {key: value for key, value in run.row.items() if key not in {"wall_s", "cpu_s", "started_at", "merit"}}
 
 
-@pytest.mark.parametrize("what", ["hang", "loop"])
-@pytest.mark.parametrize("where", PLACES)
+@pytest.mark.parametrize(("where", "what"), [*((where, "hang") for where in PLACES), ("call", "loop")])
 def test_what_hangs_anywhere_is_ended_by_its_time_limit(rig: str, where: str, what: str) -> None:
     whole = make(rig)  # what is loaded takes no time
     run = make(rig, where, what, limit=0.4)
@@ -121,8 +120,7 @@ def test_what_hangs_anywhere_is_ended_by_its_time_limit(rig: str, where: str, wh
         assert figure(run, "precision") == 28  # its answer is judged all the same
 
 
-@pytest.mark.parametrize("what", ["die", "leave"])
-@pytest.mark.parametrize("where", PLACES)
+@pytest.mark.parametrize(("where", "what"), [*((where, "die") for where in PLACES), ("call", "leave")])
 def test_what_dies_anywhere_is_one_failed_row(rig: str, where: str, what: str) -> None:
     run, whole = make(rig, where, what), make(rig)
     assert (run.status, run.row["error_type"]) == ("failed", "ProcessDied")
