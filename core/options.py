@@ -444,12 +444,14 @@ def is_text(kind: Any, word: str) -> bool:
             except ValueError:
                 continue
         return False
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        origin, args = Literal, tuple(member.value for member in kind)
+        if word in kind.__members__:
+            return True
     if origin is Literal:
         return word in args or all(isinstance(choice, str) for choice in args)
     if not isinstance(kind, type):
         return isinstance(origin, type) and issubclass(origin, PathLike)
-    if issubclass(kind, Enum):
-        return any(word in (member.name, member.value) for member in kind)
     return issubclass(kind, str | PathLike)
 
 

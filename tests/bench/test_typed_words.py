@@ -102,8 +102,9 @@ def test_choices_of_text_are_chosen_by_the_word(options):
     assert options("problem.model=1.1,1.10") == [{"model": "1.1"}, {"model": "1.10"}]
     assert options("problem.tag=choice(1.10,1.1)") == [{"tag": "1.10"}, {"tag": "1.1"}]
     assert [options(f"problem.kind={word}") for word in ("1.10", "nan")] == [[{"kind": "1.10"}], [{"kind": "nan"}]]
-    with pytest.raises(ValueError, match=re.escape("Text.model=1.20")):
-        options("problem.model=1.20")
+    for word in ("model=1.20", "kind=1.100"):
+        with pytest.raises(ValueError, match=re.escape(f"Text.{word}")):
+            options(f"problem.{word}")
 
 
 def test_text_inside_lists_mappings_and_objects_is_what_was_typed(options):
