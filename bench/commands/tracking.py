@@ -141,7 +141,7 @@ def history(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("--json", "--check"))
     folder, rest = _folder("history", words)
     given = read(HistoryWords, "history", rest)
-    results = Path(folder or given.results)
+    results = Path(folder or "results")
     asked = of.Asked(given.problem, given.optimizer, given.by, given.start, given.budget)
     if "--check" in flags:
         compared, base, newest = of.check(results, asked, given.tag)
@@ -209,7 +209,7 @@ def ui(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("--write",))
     folder, rest = _folder("ui", words)
     given = read(UiWords, "ui", rest)
-    results = Path(folder or given.results)
+    results = Path(folder or "results")
     if not results.is_dir():
         raise ValueError(f"ui: {results}: there is no such results folder")
     try:
@@ -245,11 +245,11 @@ def _as_json(one: Any) -> dict[str, Any]:
 
 
 def _folder(verb: str, words: Sequence[str]) -> tuple[str, list[str]]:
-    """Return the word that is a folder of results, "" where none is, and those that are KEY=VALUE."""
-    folders = [word for word in words if "=" not in word]
+    """Return the folder of results, bare or behind results=, "" where none is named, and the other KEY=VALUE."""
+    folders = [word for word in words if "=" not in word or word.startswith("results=")]
     if len(folders) > 1:
         raise ValueError(f"{verb}: one folder of results, then KEY=VALUE; {folders[1]!r} is a second one")
-    return "".join(folders), [word for word in words if word not in folders]
+    return "".join(folders).removeprefix("results="), [word for word in words if word not in folders]
 
 
 def _named(verb: str, argv: Sequence[str], alone: bool = False) -> tuple[Path, list[str]]:

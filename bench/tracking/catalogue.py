@@ -116,7 +116,7 @@ def studies(results: str | Path = "results", *words: str) -> "pd.DataFrame":
 def entries(results: Path) -> Iterator[Entry]:
     """Yield every entry below a folder, from the index where it still holds. Raises `ValueError`."""
     if not results.is_dir():
-        raise ValueError(f"{results}: there is no such results folder; name one that has studies in it")
+        raise ValueError(f"{results}: there is no such results folder; name one with results=DIR")
     with suppress(OSError):  # a mount that can no longer be reached
         results = results.resolve()
     digest = blake2b(os.fsencode(results), digest_size=12).hexdigest()
