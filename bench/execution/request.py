@@ -444,11 +444,13 @@ def _check_readable(thing: Any, label: str, names: tuple[str, ...], text: tuple[
         raise ValueError(f"{label}: {name}={value!r:.60}: text is needed, {such_as}")
 
 
-PATIENCE = 60.0  # seconds for building
+PATIENCE = 60.0  # seconds for building, where no time limit is asked for
 _READ = ("lower", "upper", "start", "data_id", "name", "options", "traits", "library", *OPTIONAL)
 
 
-def probe(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> Lost | None:
+def probe(
+    registry: Registry[Any], name: str, options: Mapping[str, Any], time_limit: float | None = None
+) -> Lost | None:
     """Return why the entry `name` cannot be built with `options`: its process ended, or took too long; None: it can.
 
     An exception is not reported here, because building raises it again. A process that ended may have been killed from
@@ -463,13 +465,14 @@ def probe(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> Los
             with suppress(Exception):
                 getattr(built, attribute, None)
 
+    patience = PATIENCE if time_limit is None else time_limit
     ended: Lost | None = None
     for _ in range(2):
         try:
-            apart(look, PATIENCE)
+            apart(look, patience)
         except Lost as lost:
             if lost.timed_out:
-                why = f"{registry.kind} {name} was not built within {PATIENCE:g} s"
+                why = f"{registry.kind} {name} was not built within {patience:g} s"
                 return Lost(lost.error_type, why, timed_out=True)
             if lost.error_type == "ProcessDied":
                 ended = Lost(lost.error_type, f"as {registry.kind} {name} was built, {lost.error}")

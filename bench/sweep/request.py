@@ -126,7 +126,7 @@ def _request_of(study: str, sweeps: list[list[Any]], once: list[Any]) -> Request
     asked: list[Asked] = []
     every: list[Member] = []  # kept alive, so that no new object gets the id of an old one
     for sweep in sweeps:
-        for spec_id, spec, label, members in _expand(sweep, skipped, inner, of_all.time_limit is not None):
+        for spec_id, spec, label, members in _expand(sweep, skipped, inner, of_all.time_limit):
             problem, method = members
             lost = problem.broken or method.broken
             if labels.setdefault(spec_id, label) != label:
@@ -179,7 +179,7 @@ def _request_of(study: str, sweeps: list[list[Any]], once: list[Any]) -> Request
 
 
 def _expand(
-    overrides: list[Any], skipped: _Skipped, inner: int, limited: bool
+    overrides: list[Any], skipped: _Skipped, inner: int, time_limit: float | None
 ) -> Iterator[tuple[str, Spec, str, tuple[Member, Member]]]:
     """Yield (run id, spec, label, problem and optimiser) of one sweep; note in `skipped` what a glob's methods lack."""
     for o in overrides:
@@ -198,7 +198,7 @@ def _expand(
         raise RequestError(
             f"unknown argument {o.key_or_group!r}; {suggest(head, [*hydra.KEYS, 'prob.NAME', 'opt.NAME'])}"
         )
-    pairs = members_of("problem", overrides), members_of("optimizer", overrides)
+    pairs = members_of("problem", overrides, time_limit), members_of("optimizer", overrides, time_limit)
     rest = [o for o in overrides if o.key_or_group in ("budget", "seeds", "start", "target")]
     check_runs(math.prod(map(len, pairs)) * math.prod(len(hydra.values_of(o)) for o in rest))
     cells, planned = list(itertools.product(*pairs)), 0
@@ -219,7 +219,7 @@ def _expand(
             budget = 0 if worded else read_budget(settings["budget"], problem.name, says)
             repetitions, chosen = read_seeds(settings["seeds"]), asking.preferred_start(built, start)
             if not (problem.broken or optimizer.broken):
-                needs = _unmet_need(problem, optimizer, inner, limited)
+                needs = _unmet_need(problem, optimizer, inner, time_limit is not None)
                 lacking = skipped.setdefault(problem.label, {})
                 if needs:  # a glob means all methods that can run; a method that is named must run
                     names = lacking.setdefault(needs, [])
@@ -302,8 +302,8 @@ class Member:
         return f"{self.name} ({', '.join(texts)})" if texts else self.name
 
 
-def members_of(kind: str, overrides: list[Any]) -> list[Member]:
-    """Return the problems or optimisers of a sweep, each composed with its own options and built."""
+def members_of(kind: str, overrides: list[Any], time_limit: float | None = None) -> list[Member]:
+    """Return the problems or optimisers of a sweep, each composed with its own options and built in its time."""
     registry = hydra.registry_of(kind)
     own = {"problem": "prob", "optimizer": "opt"}[kind]
     named = [choice for o in overrides if o.key_or_group == kind for choice in _choices(kind, o)]
@@ -353,7 +353,7 @@ def members_of(kind: str, overrides: list[Any]) -> list[Member]:
             asked = {option.partition(".")[0] for option, _ in typed}
             written = {option: o.input_line.partition("=")[2] for option, o in options if not o.is_sweep_override()}
             chosen = _chosen_options(kind, choice, name, composed, asked, written)
-            members.append(_member(kind, name, chosen, globbed[choice]))
+            members.append(_member(kind, name, chosen, globbed[choice], time_limit))
     return members
 
 
@@ -385,11 +385,11 @@ def _chosen_options(
     return {k: v for k, v in composed.items() if declared[k].required or v != hydra.plain(declared[k].default)}
 
 
-def _member(kind: str, name: str, chosen: dict[str, Any], globbed: bool) -> Member:
+def _member(kind: str, name: str, chosen: dict[str, Any], globbed: bool, time_limit: float | None) -> Member:
     """Return a problem or an optimiser, built, with its key; or the one that could not be built, with the reason."""
     registry = hydra.registry_of(kind)
     row_name = registry.told_name(name)
-    lost = asking.probe(registry, name, chosen)
+    lost = asking.probe(registry, name, chosen, time_limit)
     if lost is not None:
         options = ids.chosen_options(registry, row_name, ids.options_as_asked(registry, name, chosen))
         key: list[Any] = [row_name, options, *([""] if kind == "problem" else [])]

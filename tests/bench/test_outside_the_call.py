@@ -149,16 +149,17 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 @pytest.mark.parametrize("kind", few(1, ["problem", "optimizer"]))
 @pytest.mark.parametrize(("option", "error_type"), [("segfault", "ProcessDied"), ("hang", "TimeoutError")])
 def test_a_class_that_cannot_be_built_costs_its_own_runs_only(
-    rig: str, kind: str, option: str, error_type: str, monkeypatch: pytest.MonkeyPatch
+    rig: str, kind: str, option: str, error_type: str
 ) -> None:
-    monkeypatch.setattr(probe, "PATIENCE", 20.0 if option == "segfault" else 0.5)
     names = {"problem": rig + "Rig", "optimizer": rig + "Method"}
     words = [f"{k}={v}" for k, v in names.items()]
-    request = read_request([*words, f"{kind}.kind=ok,{option}", "budget=20", "seeds=2"], multirun=True)
+    limit = f"time_limit={20.0 if option == 'segfault' else 0.5}"  # that of building too
+    request = read_request([*words, f"{kind}.kind=ok,{option}", "budget=20", "seeds=2", limit], multirun=True)
     broken = {run_id: why for run_id, why in request.broken.items() if why[0] == error_type}
     assert len(request.specs) == 4 if kind == "problem" else 3
     assert len(broken) == len(request.broken) == 2
     for run_id, (kind_of_error, error) in broken.items():
+        assert ("within 0.5 s" in error) == (option == "hang")
         run = lost_run(request.specs[run_id], run_id, kind_of_error, error, patience=0.3)
         assert (run.run_id, run.status, run.row["error_type"]) == (run_id, "failed", error_type)
         assert option in run.row[f"{kind}_options"]
