@@ -344,12 +344,15 @@ _LONGEST = 3600.0  # seconds of one wait: the system has its own largest number
 @final
 @dataclass(frozen=True)
 class Sender:
-    """The child's end: ``send(message)``, anything that can be pickled."""
+    """The child's end: ``send(message)``, any picklable; what user code forks of it sends nothing."""
 
     descriptor: int
+    process: int = field(default_factory=os.getpid)
 
     def send(self, message: Any) -> None:
         """Send it whole. Raises what pickle raises, with nothing sent; `OSError` where nobody listens any more."""
+        if os.getpid() != self.process:
+            return
         data = pickle.dumps(message)
         left = memoryview(_LENGTH.pack(len(data)) + data)
         while left:

@@ -172,15 +172,17 @@ def test_a_problem_that_ends_its_process_loses_only_its_own_costs(tmp_path, monk
         "    def __call__(self, x): return float(x @ x)\n    def residuals(self, x): return x\n"
         "class Deadly(Bowl):\n    def residuals(self, x): os._exit(3)\n"
         "class Unborn(Bowl):\n    def __init__(self): raise RuntimeError('no')\n"
+        "class Forks(Bowl):\n    def residuals(self, x):\n        os.fork()\n        return x\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    specs = [Spec(f"deadly_costs:{name}", {}, "de", {}, 10, 0) for name in ("Deadly", "Unborn", "Bowl", "Bowl")]
-    found = {record["problem"].partition(":")[2]: record for record in costs.measured(specs)}
-    assert set(found) == {"Deadly", "Bowl"}
+    specs = [Spec(f"deadly_costs:{name}", {}, "de", {}, 10, 0) for name in ("Deadly", "Unborn", "Forks", "Bowl")]
+    records = list(costs.measured([*specs, specs[-1]]))
+    assert [record["problem"] for record in records] == [f"deadly_costs:{name}" for name in ("Deadly", "Forks", "Bowl")]
+    found = {record["problem"].partition(":")[2]: record for record in records}
     assert found["Deadly"]["value_s"] > 0
     assert found["Deadly"]["residuals_s"] is None
     assert found["Bowl"]["residuals_s"] > 0
-    assert not list(costs.measured(specs[2:], found.values()))
+    assert not list(costs.measured(specs[2:], records))
 
 
 def test_a_problem_whose_values_differ_at_one_point_is_told_before_its_runs(tmp_path, monkeypatch, capsys):
