@@ -85,7 +85,7 @@ def _pairs(table: Table, chain: Chain, joints: Array, setup: Setup) -> tuple[Pai
     units: Mapping[str, str] = {**table.units, **dict.fromkeys([*named][:3], "mm")}
     pairs = read_pairs(replace(table, columns={**named, **camera}, units=units), setup, {})
     train = np.ones(len(pairs.rows), dtype=bool) if pairs.hold is None else ~pairs.hold
-    _, seen, *_, remarks = start_of_pairs(pairs, setup.hand_eye, train)
+    _, seen, *_, remarks = start_of_pairs(pairs, setup.hand_eye, train, sides=("board",))
     return pairs, seen, remarks
 
 

@@ -5,9 +5,9 @@ after that. Handfuls of pairs are tried, against wild ones, and so are other ord
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import combinations, product
 from typing import Literal, final
 
 import numpy as np
@@ -26,6 +26,7 @@ from calibench.core.words import as_columns, as_units, listed, plain
 Mounting = Literal["eye_in_hand", "eye_to_hand"]
 Flange = Literal["flange_in_base", "base_in_flange"]
 Read = Literal["", "board_in_camera", "camera_in_board"]
+SIDES = ("flange", "board")
 _CALLED = {
     "flange": ("flange", "tcp", "hand", "gripper", "robot"),
     "board": ("board", "marker", "tag", "target"),
@@ -369,6 +370,7 @@ _NEAR_PART = 0.35  # of the pairs are sound at the least: what they leave ranks 
 _TIMES = 10.0  # times better: no chance, but another meaning of the same numbers
 _TWICE = 2.0  # times better: one order of angles beside another
 _APART = 0.12  # rad: the middle rotation further off belongs to no such frames, whatever the noise
+_MISTAKEN = 0.03  # rad and part of the board's distance: pairs that leave less are noise, or a model's error
 _ROUNDING = 1e-6  # rad or mm: less is no misfit of rotations or places that files hold
 _MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 _SETTLE = 8
@@ -378,9 +380,12 @@ _NEAR = 0.1
 
 
 def start_of_pairs(
-    pairs: Pairs, mounting: str, train: Mask, *, free_scale: bool = False
+    pairs: Pairs, mounting: str, train: Mask, *, free_scale: bool = False, sides: Sequence[str] = SIDES
 ) -> tuple[Array, Array, Array, Array, Mask, tuple[Note, ...]]:
-    """Return both poses (n, 4, 4), mount and tool (4, 4) [mm], pairs of `train` that are near (k,), and remarks."""
+    """Return both poses (n, 4, 4), mount and tool (4, 4) [mm], pairs of `train` that are near (k,), and remarks.
+
+    Columns of `sides` come from a file, where they may stand under each other's names.
+    """
     tried = {  # the poses of arm and board for each meaning of both rotations
         (flange, board): (arm_poses(pairs.flange.poses(flange), mounting)[train], pairs.board.poses(board)[train])
         for flange, board in product(pairs.flange.meanings, pairs.board.meanings)
@@ -421,6 +426,8 @@ def start_of_pairs(
             )
 
     flange, board, notes = _meaning(pairs, apart_by)
+    if n > 5 and misfit > _MISTAKEN and pairs.time is None:
+        _refuse_mistaken(pairs, misfit, mounting, train, sides)
     arm, seen = arm_poses(pairs.flange.poses(flange), mounting), pairs.board.poses(board)
     here = arm[train], seen[train]
     mount, tool, apart, near = _rotations(*here)
@@ -432,6 +439,65 @@ def start_of_pairs(
     placed = _places(here[0][near], here[1][near], mount, tool, pairs, free_scale)
     near[near] = placed[2]
     return arm, seen, *placed[:2], near, notes
+
+
+def _refuse_mistaken(pairs: Pairs, misfit: float, mounting: str, train: Mask, sides: Sequence[str]) -> None:
+    """Raise `DataError` where poses fit far better with one mistake less in the columns of one of `sides`, or of both.
+
+    A mistake is two columns that are exchanged, a sign, or the unit of one column.
+    """
+    poses = {"flange": pairs.flange, "board": pairs.board}
+    alone = [{side: one} for side in sides for one in _mistakes(pairs, side, poses[side])]
+    of_both = zip(*(_mistakes(pairs, side, pose) for side, pose in poses.items())) if len(sides) == len(poses) else ()
+    cures = []
+    for cure in (*alone, *(dict(zip(poses, both)) for both in of_both)):
+        flange, board = (cure[side].pose if side in cure else pose for side, pose in poses.items())
+        left = min(
+            _misfit(arm_poses(flange.poses(one), mounting)[train], board.poses(other)[train], misfit / _TIMES)
+            for one, other in product(flange.meanings, board.meanings)
+        )
+        named = {ours: name for one in cure.values() for ours, name in one.columns.items()}
+        words = " and ".join(one.words for one in cure.values()) + (f": {as_columns(named)}" if named else "")
+        cures.append((max(left, _ROUNDING), words))
+    best = min(left for left, _ in cures)
+    if misfit > _TIMES * best:
+        ways = "; or as near if ".join(words for left, words in cures if left < _TWICE * best)
+        raise DataError(f"the poses fit {plain(misfit / best, 2)} times better if {ways}")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Mistake:
+    """A pose as it is without a mistake, which in words, and names of ours -> columns that cure it."""
+
+    words: str
+    pose: Pose
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+
+def _mistakes(pairs: Pairs, side: str, pose: Pose) -> Iterator[_Mistake]:
+    table, names = pairs.table, pose.columns
+    read = {name: np.asarray(table.columns[name], dtype=float)[pairs.rows] for name in names}
+    turned = (note for note in table.notes + pairs.notes if note.code is Code.UNIT_TURNED)
+    stated = {name: str(note.values.get("stated", "mm")) for note in turned for name in note.columns}
+
+    def without(words: str, changed: Mapping[str, Array], columns: Mapping[str, str] | None = None) -> _Mistake:
+        made = np.column_stack([changed.get(name, read[name]) for name in names])
+        every = {k: v for k, v in meanings(made[:, 3:], "", {"rad": 1.0}).items() if k in pose.meanings}
+        known = dict([*every.items()][:1]) if len(names) == 7 else every  # one mistake, and not the order as well
+        scale = pairs.board_scale if side == "board" else 1.0
+        return _Mistake(words, replace(pose, place=scale * made[:, :3], meanings=known), columns or {})
+
+    ours = dict(zip(names, ("x", "y", "z", *(("rx", "ry", "rz") if len(names) == 6 else ("qx", "qy", "qz", "qw")))))
+    ours = {name: f"{side_of(name)[0] or side}_{axis}" for name, axis in ours.items()}
+    for a, b in (*combinations(names[:3], 2), *combinations(names[3:], 2)):
+        yield without(f"{a} and {b} are exchanged", {a: read[b], b: read[a]}, {ours[a]: b, ours[b]: a})
+    for name in names:
+        yield without(f"{name} has the other sign", {name: -read[name]})
+    for name, unit in product(names[:3], UNITS):
+        factor = UNITS[unit] / UNITS[stated.get(name, "mm")]
+        if factor != 1:
+            yield without(f"{name} is in {unit}: {as_units([name], unit)}", {name: factor * read[name]})
 
 
 def arm_poses(flange: Array, mounting: str) -> Array:

@@ -257,6 +257,29 @@ def test_a_quaternion_with_its_real_part_first_is_told_with_the_columns_to_copy(
     assert np.allclose(found["camera"]["position"], CAMERA[0], atol=1.0)
 
 
+@pytest.mark.parametrize(("sides", "a", "b"), few(1, [([0], 3, 4), ([1], 0, 2), ([0, 1], 3, 4)]))
+def test_columns_that_are_exchanged_are_told_with_the_columns_to_copy(bench, tmp_path, sides, a, b):
+    parts = [columns_of(p, n) for p, n in zip(measured(12, noise=NOISE), ("flange", "board"), strict=True)]
+    for side in sides:
+        parts[side][1][:, [a, b]] = parts[side][1][:, [b, a]]
+    write(tmp_path / "q.csv", *parts)
+    line = bench("hand_eye=eye_in_hand", "data=q.csv", code=2)
+    (columns,) = shlex.split("columns=" + line.partition("columns=")[2])
+    found = json.loads(bench("hand_eye=eye_in_hand", "data=q.csv", columns, "--json"))
+    assert np.allclose(found["camera"]["position"], CAMERA[0], atol=1.0)
+
+
+def test_a_sign_and_the_unit_of_one_column_are_told(bench, tmp_path):
+    parts = [columns_of(p, n) for p, n in zip(measured(12, noise=NOISE), ("flange", "board"), strict=True)]
+    parts[0][1][:, 4] *= -1
+    write(tmp_path / "q.csv", *parts)
+    assert "times better if flange_qy has the other sign" in bench("hand_eye=eye_in_hand", "data=q.csv", code=2)
+    parts[0][1][:, 4] *= -1
+    parts[0][1][:, 0] /= 1000
+    write(tmp_path / "q.csv", *parts)
+    assert "units=flange_x:m" in bench("hand_eye=eye_in_hand", "data=q.csv", code=2)
+
+
 @pytest.mark.parametrize("mode", ["eye_in_hand", "eye_to_hand"])
 def test_poses_in_a_left_handed_frame_are_told_and_not_taken_for_few_turns(calibrate, mode):
     flange, seen = measured(12, mode, NOISE)
