@@ -54,7 +54,8 @@ def validate(machine: Machine, data: MeasuredData) -> Formulation:
     """
     refuse_no_machine(machine)
     rows, data = np.flatnonzero(_valid(data)) + 1, entered(data)
-    data = _with_unread(machine.name, data)
+    if description_of(machine.name).named is None:
+        data = with_unread(machine.name, data)
     formulation = formulated(machine, _in_order(data))
     copies, note = copied_rows(data, rows, formulation)
     if copies.any():
@@ -99,10 +100,13 @@ def _in_order(data: MeasuredData) -> MeasuredData:
     return data.with_columns({PLACE: np.arange(len(data), dtype=float)})
 
 
-def _with_unread(machine: str, data: MeasuredData) -> MeasuredData:
-    """Return the data with a note of the columns that neither a machine with declared columns nor its effects read."""
+def with_unread(machine: str, data: MeasuredData, read: Collection[str] = ()) -> MeasuredData:
+    """Return the data with a note of the columns that neither a machine with declared columns nor its effects read.
+
+    A machine that finds columns whatever they are called has `read` some of them.
+    """
     declared = [quantity.name for quantity in description_of(machine).columns]
-    known = {*_OF_ANY, *declared, *(column for family in families(machine) for column in family.columns)}
+    known = {*_OF_ANY, *declared, *read, *(column for family in families(machine) for column in family.columns)}
     others = [name for name in data.in_file if name not in known]
     if not declared or not others:
         return data

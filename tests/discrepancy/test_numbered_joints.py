@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from calibench.calibration import Arm, parse_urdf
+from calibench.core.notes import Code
 from calibench.discrepancy.machines.arm.readings import accepted
 from calibench.discrepancy.model.measured import DataError, MeasuredData
 from tests.bench.arm_by_hand import NAMES, measured, urdf
@@ -31,3 +32,9 @@ def test_numbered_joints_and_a_trackers_places_are_found():
 def test_numbered_degrees_are_told_under_the_names_of_the_file():
     with pytest.raises(DataError, match=f"units={','.join(f'{name}:deg' for name in NUMBERED)}"):
         accepted(data_of(180 / np.pi), ARM)
+
+
+def test_only_columns_that_nothing_reads_are_told_as_unread():
+    given = data_of(1.0)
+    found, _ = accepted(given.with_columns({"A3_dir": np.ones(20), "direction_joint_3": np.ones(20)}), ARM)
+    assert [n.columns for n in found.notes if n.code is Code.COLUMNS_UNREAD] == [("A3_dir",)]
