@@ -389,6 +389,10 @@ def rename(
             raise DataError(f"columns: {target!r} is no column of {declared.machine}; {suggest(target, known)}")
         if target in there and target not in targets:
             raise DataError(f"columns: {target} is in {of} already, beside {source!r}; leave out one of them")
+        column = there[sources[target]]
+        if target in declared.numbers and column.dtype.kind == "U":
+            word = next(one for one in column.tolist() if not no_value(one))
+            raise DataError(f"columns: {target} is to be {source!r}, which holds {shortened(word)!r}, no number")
     if len(targets) < len(columns):
         twice = next(source for source in columns.values() if list(columns.values()).count(source) > 1)
         raise DataError(f"columns: {twice!r} cannot be two columns at once; name each once")

@@ -258,6 +258,11 @@ REFUSED: dict[str, tuple[str, Callable[[Sheet, str], Sheet], str]] = {
     ),
     "too_few_poses": ("gpm2002", lambda s, r: s.only(10), "too few for 11 parameters; measure"),
     "columns_of_what_is_not_there": ("all", lambda s, r: s.stating(columns={r: "Winkle"}), "is to be 'Winkle'; "),
+    "columns_of_words_for_numbers": (
+        "gpm2002",
+        lambda s, r: s.called(r, "Wert").column("Wert", lambda i, c: "rechts").stating(columns={r: "Wert"}),
+        "is to be 'Wert', which holds 'rechts', no number",
+    ),
     "columns_of_what_the_machine_has_not": (
         "gpm2002 orthoglide",
         lambda s, r: s.called(r, "Wert").stating(columns={"enc_9": "Wert"}),
