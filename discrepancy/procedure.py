@@ -55,6 +55,7 @@ GAP_OF_FITTED = (
 _LEARNED = 3  # times that unknown noise is learned again at most: names and noise settle together, or never
 _STRETCH = 20  # rows that follow each other, which are searched all or not at all
 _OTHERS = (0.5, 2.0)  # times the stated noise: the search is repeated there where no repeats tell the noise
+_NO_NOISE = 100.0  # times the stated noise: repeats that scatter so are rows or columns out of place
 _WORSE = 2.0  # times the error of unseen readings: names that make it larger than this are none
 
 
@@ -436,6 +437,8 @@ def _is_large(
     """Return whether a fit leaves more than `floors_left` times the noise, without the rows that stand out."""
     if final.exact or (final.noise.profiled and unknown_noise_of(final.model.formulation)):
         return False  # nothing tells the noise but what the fit leaves
+    if final.noise.scale > _NO_NOISE and not unknown_noise_of(final.model.formulation):
+        return True
     most, n = current_thresholds().floors_left, len(final.model.formulation.data)
     scores = np.asarray(final.noise.scores(final.r)).reshape(n, -1)
     scores = scores if standing is None else scores[standing.others]

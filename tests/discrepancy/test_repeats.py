@@ -12,6 +12,7 @@ import pytest
 from scipy.signal import lfilter
 
 from benchmarks.blind.gpm2002.simulate import case
+from calibench.bench.measured import read_measured, shipped_path
 from calibench.discrepancy import Joint, MeasuredData, Model, Predicted, Roles, explain, machines
 from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.noise.repeats import law_of
@@ -169,3 +170,9 @@ def test_a_few_repeats_are_called_too_few_and_not_none() -> None:
     )
     none = MeasuredData({"t_s": np.arange(8.0)}, "gpm2002")
     assert law_of(np.ones((8, 2)), none)[2][0].text.startswith("no repeats tell the noise: ")
+
+
+def test_repeats_of_other_rows_are_no_noise_under_which_nothing_is_missing():
+    data = read_measured(shipped_path("demo_nothing", "gpm2002"), "gpm2002")
+    moved = data.with_columns({"enc_1": np.roll(data["enc_1"], 1)})
+    assert explain("gpm2002", moved).verdict == "unknown"
