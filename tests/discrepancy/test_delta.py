@@ -51,6 +51,14 @@ def named(report):
     return [{rival.effect for rival in finding.set} for finding in report.findings]
 
 
+def test_no_belt_loses_all_its_length_and_no_tower_lies_down():
+    _, _, data = owner()
+    found = catalogue(discrepancy.machines.make("delta").formulate(data)).candidates
+    largest = {"1": 0.5, "rad": 0.3}
+    assert {e.largest for e in found if e.family in ("belt_scale", "shrinkage", "effector_tilt")} == {largest["1"]}
+    assert {e.largest for e in found if e.family in ("bed_tilt", "tower_angle", "tower_lean")} == {largest["rad"]}
+
+
 def test_the_nozzle_hangs_where_the_rods_hold_it():
     printer, _, _ = owner(3, tower_angle__tower__b=0.01)
     printer = replace(printer, rods=printer.rods + np.array([0.4, -0.7, 1.1]), wave=np.zeros(3))

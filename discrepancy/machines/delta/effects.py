@@ -10,6 +10,7 @@ import numpy as np
 from calibench.discrepancy.machines.delta.formulation import TOWERS
 from calibench.discrepancy.model.effect import Built, EffectFamily, NotTestable
 from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.thresholds import thresholds
 
 Targets = Mapping[str, tuple[str, ...]]  # target -> the quantities that it changes, each by a coefficient of its name
 SIZE = ("delta_radius", "rod_length", "belt_scale", "bed_dome")  # all four bow the probed bed alike
@@ -19,6 +20,9 @@ OBJECT = "a printed object: distances measured by caliper, which DELTA_ANALYZE t
 def each_tower(quantity: str) -> dict[str, tuple[str, ...]]:
     """Return the targets `tower a` to `tower c`, one coefficient each."""
     return {f"tower {t}": (f"{quantity}_{t}",) for t in TOWERS}
+
+
+_BOUNDS = {"1": "largest_scale", "rad": "largest_angle"}  # by the unit of a size
 
 
 def constant(
@@ -31,6 +35,8 @@ def constant(
     `same` are the declared twins of a target. Where only heights were measured, those of `SIZE` are twins too.
     """
 
+    bound = _BOUNDS.get(unit, "")
+
     def build(formulation: Formulation, target: str) -> Built:
         kind = np.asarray(formulation.data["kind"])
         if of and not (kind == of).any():
@@ -42,11 +48,13 @@ def constant(
         return family.linear(
             target, (), dict.fromkeys(rows, unit),
             lambda q, data: {quantity: np.tile(row, (len(data), 1)) for quantity, row in rows.items()}, twins=alike,
+            largest=getattr(thresholds(), bound) if bound else np.inf,
         )  # fmt: skip
 
     family = EffectFamily(
         name, "delta", cause, formula=formula, channel=channel, columns=(), unit=unit, targets=tuple(targets),
         build=build, twins=twins, label=label, label_of_all=label_of_all, parted_by=OBJECT if name in SIZE else "",
+        bounds=(bound,) if bound else (),
     )  # fmt: skip
     return family.enter()
 
