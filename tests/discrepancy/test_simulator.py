@@ -699,9 +699,20 @@ def test_columns_that_were_computed_for_the_fit_are_computed_for_new_rows(spring
     assert computed == (["rate of y", "rate of z"] if clock == "t" else ["direction of t", "rate of t", "rate of u"])
     of_new = simulator(spring, time=clock).formulate(data).of_new
     for name in computed:
-        np.testing.assert_allclose(of_new(data)[name], fitted[name])
-        np.testing.assert_allclose(of_new(data.with_columns({"u": data["u"] + 1e-9}))[name], fitted[name], atol=1e-6)
+        for new, atol in ((data, 0.0), (data.with_columns({"u": data["u"] + 1e-9}), 1e-6)):
+            np.testing.assert_allclose(of_new(new)[name][-len(fitted) :], fitted[name], atol=atol)
         assert of_new(data.with_columns({name: np.ones(120)}))[name].tolist() == [1.0] * 120
+
+
+def test_a_play_by_the_order_of_a_clock_says_nothing_of_the_first_row(spring):
+    data, rng = readings(), np.random.default_rng(3)
+    came = np.sign(np.diff(data["u"], prepend=9.0))
+    u, columns = data["u"] - 0.03 * came, {n: c for n, c in data.columns.items() if n not in ("u_dir", "split")}
+    rise = 1 - np.exp(-data["t"] / 0.55)
+    columns |= {"t_s": np.arange(120.0), "y": u / 2.2 * rise, "z": np.sin(u) * rise + 0.22 * data["t"]}
+    columns |= {name: columns[name] + 0.002 * rng.standard_normal(120) for name in ("y", "z")}
+    report = explain(simulator(spring, time="t,t_s"), MeasuredData(columns, "simulator", {}, "spring"))
+    assert (report.verdict, [f.effect for f in report.findings]) == ("named", ["backlash u"])
 
 
 def test_time_within_a_trial_gives_outputs_a_rate_and_so_a_lag(spring):

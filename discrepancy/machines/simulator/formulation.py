@@ -176,6 +176,7 @@ class SimulatorMachine:
         if not local.independent:
             text = "the table is simulated as a whole, and errors of inputs are not looked for"
             data = data.with_note(Code.SIMULATOR_ROWS, f"rows depend on each other: {text}", inputs)
+        data = _from_the_second_row(data, clock) if local.independent else data
         numbers_of_rows = {int(n): k for k, n in enumerate(data.row_numbers)}
         of_rows = _OnRows(local, {u.tobytes(): k for k, u in enumerate(table)}, numbers_of_rows)
         predict, slopes = of_rows(data)
@@ -443,6 +444,17 @@ def _moved(data: MeasuredData, inputs: Sequence[str], clock: str) -> MeasuredDat
         moves = np.sign(np.diff(values, prepend=values[:1]))
         made[f"{WAY}{u}"] = moves[np.maximum.accumulate(np.where(moves != 0, np.arange(len(t)), 0))][at]
     return replace(data.with_columns(made), computed=data.computed | {*made})
+
+
+def _from_the_second_row(data: MeasuredData, clock: str) -> MeasuredData:
+    """Return the data without their first row where the clock tells from where inputs came: of that one it does not."""
+    made = [column.removeprefix(WAY) for column in data.columns if column.startswith(WAY)]
+    first = np.asarray(data[clock] == np.min(data[clock])) if made else np.zeros(len(data), dtype=np.bool_)
+    if first.sum() != 1:
+        return data
+    which = "inputs" if len(made) > 1 else made[0]
+    text = f"the order of {clock} tells from where {which} came, but of the first row, which is left out"
+    return data.rows(~first).with_note(Code.TIME_UNKNOWN, text, tuple(made))
 
 
 describe("simulator", Description(
