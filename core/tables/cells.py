@@ -22,9 +22,10 @@ _TO_BASE = {
     "arcmin": ("rad", _DEGREE / 60), "arcsec": ("rad", _DEGREE / 3600), "rev": ("rad", 2 * pi),
     "mdeg": ("rad", _DEGREE / 1000), "gon": ("rad", pi / 200),
     "mm": ("mm", 1.0), "um": ("mm", 1e-3), "cm": ("mm", 10.0), "m": ("mm", 1e3), "inch": ("mm", 25.4),
-    "nm": ("mm", 1e-6),
+    "nm": ("mm", 1e-6), "ft": ("mm", 304.8),
     "s": ("s", 1.0), "us": ("s", 1e-6), "ms": ("s", 1e-3), "min": ("s", 60.0), "h": ("s", 3600.0),
-    "N": ("N", 1.0), "kN": ("N", 1e3), "N mm": ("N mm", 1.0), "N m": ("N mm", 1e3),
+    "N": ("N", 1.0), "kN": ("N", 1e3), "kgf": ("N", 9.80665), "lbf": ("N", 4.448222),
+    "N mm": ("N mm", 1.0), "N m": ("N mm", 1e3),
     "K": ("K", 1.0), "mK": ("K", 1e-3),
     "mm/s": ("mm/s", 1.0), "m/s": ("mm/s", 1e3), "mm/min": ("mm/s", 1 / 60),
     "rad/s": ("rad/s", 1.0), "mrad/s": ("rad/s", 1e-3), "deg/s": ("rad/s", _DEGREE), "rpm": ("rad/s", pi / 30),
@@ -42,6 +43,10 @@ _SPELT = {
     "MM": "mm", "RAD": "rad", "Rad": "rad", "DEG": "deg", "Deg": "deg", "Degrees": "deg", "Radians": "rad",
     "pixel": "px", "pixels": "px", "Pixel": "px",
 }  # fmt: skip  # a temperature is above a reference, so degrees Celsius are kelvins
+_CHANGED = (  # what people take for each other
+    ("cm", "mm"), ("m", "cm"), ("m", "mm"), ("m", "um"), ("min", "s"), ("h", "s"), ("rad", "deg"), ("inch", "mm"),
+    ("kgf", "N"), ("lbf", "N"), ("psi", "kPa"), ("ft", "m"),
+)  # fmt: skip
 
 
 def is_unit(word: str) -> bool:
@@ -67,6 +72,12 @@ def factors_near(unit: str) -> dict[str, float]:
     base, scale = _TO_BASE[_SPELT.get(unit.strip(), unit.strip())]
     units = {u: factor for u, (b, factor) in _TO_BASE.items() if b == base} | ({"h": _HOUR} if base == "rad" else {})
     return {u: factor / scale for u, factor in units.items() if factor != scale}
+
+
+def usual_factors() -> tuple[float, ...]:
+    """Return the factors between units that people take for each other, both ways, whatever the kind."""
+    pairs = [between("", one, other) for one, other in _CHANGED]
+    return tuple(f for factor in pairs for f in (factor, 1 / factor))
 
 
 def factor_to_base(column: str, unit: str, needed: str | None = None) -> tuple[str, float]:

@@ -637,6 +637,15 @@ def test_a_factor_of_units_between_file_and_simulator_is_named(spring, column, f
         simulator(spring).formulate(other)
 
 
+@pytest.mark.parametrize(("columns", "unit", "factor"), [("ut", "deg", np.pi / 180), ("z", "gon", np.pi / 200)])
+def test_the_unit_that_columns_state_is_told_as_the_one_in_which_they_are(spring, columns, unit, factor):
+    data = readings()
+    other = data.with_columns({name: np.asarray(data[name]) / factor for name in columns})
+    other = replace(other, units=dict.fromkeys(columns, unit))
+    with pytest.raises(DataError, match=f"{', '.join(columns)} (is|are) multiplied by {factor:.6g}: file"):
+        simulator(spring).formulate(other)
+
+
 def test_a_simulator_without_a_free_parameter_is_searched_as_it_is(spring):
     held = simulator(spring, parameters={"k": 2.2, "tau": 0.55, "mass": 0.0})
     assert explain(held, readings()).verdict == "none"

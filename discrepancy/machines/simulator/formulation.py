@@ -23,7 +23,7 @@ import numpy as np
 from calibench.core import user_file
 from calibench.core.notes import Code, Note
 from calibench.core.options import shown, suggest
-from calibench.core.tables.cells import factors_near
+from calibench.core.tables.cells import factors_near, usual_factors
 from calibench.core.words import counted, plain, print_plain
 from calibench.discrepancy.checks.wild import FAR
 from calibench.discrepancy.machines.simulator import caller as calls
@@ -44,11 +44,6 @@ _CURED = 0.3  # of the misfit of shuffled readings: by a factor, at the nominal 
 _FEW_OF_UNITS = 50  # rows that are tried with a factor
 _OF_UNITS = math.log(2)  # of a factor: less is an error of scale, or of a parameter
 _ALIKE = 0.2  # of the logarithm of a factor: nominal parameters are not the true ones
-_FACTORS = tuple(
-    f
-    for one in (10.0, 100.0, 1e3, 1e6, 60.0, 3600.0, 180 / math.pi, 25.4, 9.80665, 4.448222, 6.894757, 0.3048)
-    for f in (one, 1 / one)
-)  # of units that people change
 _CELSIUS = 273.15
 _NEARBY = 0.013  # of the range of a number
 _ON_STEP = 1e-3  # of a step by which a rounded number may be off it
@@ -374,8 +369,17 @@ def _refuse_units(data: MeasuredData, local: LocalModel, nominal: Array, seen: A
 
     Far is a calibrated output that is as far as from shuffled readings, or much nearer to a multiple of them. Cures are
     tried at the nominal parameters: the best factor of each such output, whatever its unit, alone and beside each other
-    unit that an input may be in.
+    unit that an input, or all inputs of one stated unit, may be in.
     """
+    usual = usual_factors()
+
+    def stated(column: str) -> tuple[float, ...]:
+        """Return the factors between the unit that a column states and others, both ways; of alike ones the first."""
+        found: list[float] = []
+        for f in (f for one in factors_near(data.units.get(column, "")).values() for f in (one, 1 / one)):
+            found += [f] * all(abs(math.log(f / other)) > _ALIKE for other in found)
+        return tuple(found)
+
     rows, names = np.flatnonzero(data.fitted)[:_FEW_OF_UNITS], local.caller.names
     read, inputs = seen[rows], local.inputs[rows]
     mixed = np.random.default_rng(0).permutation(read)
@@ -387,16 +391,16 @@ def _refuse_units(data: MeasuredData, local: LocalModel, nominal: Array, seen: A
     def factors(predicted: Array) -> Array:
         """Return by what the readings are to be multiplied, (m,), 1 where it may be an error of their scale."""
         found = np.ones(read.shape[1])
-        for k, (y, p) in enumerate(zip(read.T, predicted.T)):
+        for k, (name, y, p) in enumerate(zip(names.outputs, read.T, predicted.T)):
             known = (y != 0) & (p / np.where(y != 0, y, 1.0) > 0) & np.isfinite(p)
             if known.sum() < len(y) // 2:
                 continue
-            # the factor of least deviation; that of two units where one is this near to it
+            # the factor of least deviation; that of two units where one is this near to it, its own before others
             ratio, weight = p[known] / y[known], np.abs(y[known])
             order = np.argsort(ratio)
             middle = float(ratio[order][np.searchsorted(np.cumsum(weight[order]), weight.sum() / 2)])
-            near = min(_FACTORS, key=lambda factor: abs(math.log(factor / middle)))
-            found[k] = near if abs(math.log(near / middle)) < _ALIKE else middle
+            nearest = [sorted(some, key=lambda f: abs(math.log(f / middle)))[:1] for some in (stated(name), usual)]
+            found[k] = next((f for [f] in filter(None, nearest) if abs(math.log(f / middle)) < _ALIKE), middle)
         return np.where(np.abs(np.log(found)) > _OF_UNITS, found, 1.0)
 
     if len(rows) < _FEW_OF_UNITS // 2:
@@ -408,25 +412,33 @@ def _refuse_units(data: MeasuredData, local: LocalModel, nominal: Array, seen: A
         far = (now > FAR) | (misfit(calibrated, factors(calibrated)) < _CURED * now)
     if not far.any():
         return
-    changes: list[tuple[str, float, float]] = [("", 1.0, 0.0)]
+    changes: list[tuple[tuple[str, ...], float, float]] = [((), 1.0, 0.0)]
+    by_unit: dict[str, list[str]] = {}
     for u in names.inputs if local.independent else ():
-        changes += [(u, factor, 0.0) for factor in {*_FACTORS, *factors_near(data.units.get(u, "")).values()}]
-        changes += [(u, 1.0, shift) for shift in (_CELSIUS, -_CELSIUS)]
+        by_unit.setdefault(data.units.get(u, ""), []).append(u)
+        changes += [((u,), factor, 0.0) for factor in {*usual, *stated(u)}]
+        changes += [((u,), 1.0, shift) for shift in (_CELSIUS, -_CELSIUS)]
+    for alike in (one for one in by_unit.values() if len(one) > 1):
+        changes += [(tuple(alike), factor, 0.0) for factor in stated(alike[0])]
     cures = []
-    for u, factor, shift in changes:
+    for those, factor, shift in changes:
+        u = ", ".join(those)
         at = inputs.copy()
-        for k in (k for k, name in enumerate(names.inputs) if name == u):
+        for k in (k for k, name in enumerate(names.inputs) if name in those):
             at[:, k] = factor * at[:, k] + shift
         with suppress(DataError), np.errstate(all="ignore"):
             [predicted] = local.caller.ask([(at, nominal)])
             for of_outputs in (np.ones(len(far)), np.where(far, factors(predicted), 1.0)):
-                words = [f"{u} is multiplied by {factor:.6g}"] * (factor != 1) + [f"{shift:+g} is added to {u}"] * (
+                are = "is" if len(those) == 1 else "are"
+                words = [f"{u} {are} multiplied by {factor:.6g}"] * (factor != 1) + [f"{shift:+g} is added to {u}"] * (
                     shift != 0
                 )
                 words += [f"{y} is multiplied by {f:.6g}" for y, f in zip(names.outputs, of_outputs) if f != 1]
                 cures.append((misfit(predicted, of_outputs), len(words), " and ".join(words)))
-    left, _, how = min(cures, key=lambda cure: (round(float(np.mean(cure[0])), 2), cure[1]))
-    if how and left[far].max() < _CURED:
+    best = min(cures, key=lambda cure: (round(float(np.mean(cure[0])), 2), cure[1]))
+    if best[2] and best[0][far].max() < _CURED:
+        enough = [cure for cure in cures if cure[2] and cure[0][far].max() < _CURED]
+        how = min(enough, key=lambda cure: (cure[1], float(np.mean(cure[0]))))[2]
         raise DataError(
             f"{data.name}: the readings are as far from the simulator as shuffled ones, and near to it if {how}: file "
             "and simulator are in other units; write one of them in those of the other"
