@@ -113,6 +113,11 @@ def of_no_parameter(inputs, parameters):
     return answer(inputs, {"k": 2.2, "tau": 0.55, "mass": 0.0})
 
 
+def of_a_ratio(inputs, parameters):  # with a kink, over which slopes are wide
+    k, p = parameters["k"] / parameters["tau"], parameters
+    return {"y": k * inputs["u"], "z": np.maximum(p["mass"] / p["tau"] * inputs["t"], 0.9)}
+
+
 def prints(inputs, parameters):
     print("a step")
     return answer(inputs, parameters)
@@ -210,6 +215,18 @@ def test_a_size_over_a_column_is_told_per_unit_of_it_wherever_its_mean_is(spring
 @pytest.mark.parametrize("law", testing.MACHINE_LAWS, ids=lambda law: law.__name__)
 def test_a_simulator_keeps_the_laws_of_a_users_own_machine(spring, law):
     law(simulator(spring), readings())
+
+
+def test_of_parameters_of_which_the_ratio_alone_is_told_one_is_held_and_none_has_a_standard_error(spring):
+    rng, u, t = np.random.default_rng(1), *np.random.default_rng(0).uniform(0.2, 2.0, (2, 120))
+    y, z = (2.2 / 0.6 * u, np.maximum(0.6 / 0.6 * t, 0.9)) + 0.002 * rng.standard_normal((2, 120))
+    bounds = {"k": (2.0, 1.0, 4.0), "tau": (0.5, 0.2, 1.5), "mass": (0.45, 0.2, 1.5)}
+    data = MeasuredData({"u": u, "t": t, "y": y, "z": z}, "simulator", {}, "ratio")
+    found = explain(simulator(spring, "of_a_ratio", parameters=bounds), data).parameters
+    assert all(np.isnan(p.sd) for p in found.values())
+    assert any(found[name].after == bounds[name][0] for name in found)
+    assert found["k"].after / found["tau"].after == pytest.approx(2.2 / 0.6, rel=1e-3)
+    assert found["mass"].after / found["tau"].after == pytest.approx(1.0, rel=1e-3)
 
 
 def test_a_sound_simulator_misses_nothing(spring):

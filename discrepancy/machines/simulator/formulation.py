@@ -286,6 +286,10 @@ class _OnRows:
             rows = np.where((rows >= 0) & (self.local.inputs[rows] == given).all(axis=1), rows, -1)
         return partial(self.local.predict, rows), partial(self.local.slopes_at, rows)
 
+    @property
+    def made_up(self) -> Mapping[str, Mapping[str, float]]:
+        return self.local.made_up
+
     def remarks(self) -> tuple[Note, ...]:
         known, local = self.local.caller, self.local
         times = plain(known.rows / max(len(local.inputs), 1), 3)

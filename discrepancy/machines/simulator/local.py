@@ -44,6 +44,9 @@ _RADII = 0.15 / 3.0 ** np.arange(7)  # of the range of a number: of the ladder, 
 _FALL = 2.5  # of the third difference over a third of the step: less is rough, 3 is a kink, 27 is smooth
 _LOUD = 1e-3  # of the noise of a reading: own noise from which an output is rough
 _FAN = np.array([-3.0, -1.0, 1.0, 3.0])  # steps
+_FLAT = 1e-5  # of the range of a number: the least step by which a parameter is told that others make up for
+_TAKES_PART = 0.01  # of such a combination, in ranges
+_UNTOLD = 3.0  # times the noise of all readings, for its whole range: parameters that change them less are not told
 _TINY = float(np.finfo(float).eps)
 _REPEATS = 6  # calibrations, each about the last one's place
 
@@ -94,6 +97,7 @@ class LocalModel:
     mixed: dict[tuple[str, str], Array] = field(default_factory=dict)  # of two parameters: they make up for each other
     reaches: dict[str, Array] = field(default_factory=dict)  # the root of a curvature, rms over the rows, (m,)
     places: list[Place] = field(default_factory=list)
+    made_up: dict[str, dict[str, float]] = field(default_factory=dict)  # parameters that are held: others do the same
     refused: str = ""  # what it said where it failed first, within its bounds
 
     def prepare(self) -> None:
@@ -148,12 +152,15 @@ class LocalModel:
         """
         names = [v for v in self.variables if not v.is_input]
         own = [v for v in names if free[v.at]]
-        told = np.isfinite(self.scale)
+        told, at_first = np.isfinite(self.scale), True
         for _ in range(_REPEATS):
             self._differentiate(names, self.places[-1])
             left = measured - self.places[-1].values
             spread = np.median(np.abs(left[fitted]), axis=0) / 0.6745
             self.scale = np.where(told, self.scale, np.maximum(spread, self.noise))
+            if at_first:
+                self.made_up, at_first = self._made_up(own, fitted), False
+                own = [v for v in own if v.name not in self.made_up]
             if not own:
                 break
             weight = 1 / np.maximum(self.scale, 1e-300)
@@ -207,6 +214,41 @@ class LocalModel:
             bend = (both - one[a.name] - one[b.name] + last.values) / area
             sure = np.isfinite(bend) & (np.abs(bend) > 4 * self.noise / abs(area))
             self.mixed[a.name, b.name] = np.where(sure, bend, 0.0)
+
+    def _made_up(self, own: Sequence[Variable], fitted: NDArray[np.bool_]) -> dict[str, dict[str, float]]:
+        """Return parameters of `own` that others make up for in all rows: name -> other -> its change for a unit of it.
+
+        Slopes over wide steps have errors that hide it, so it is told by steps of the simulator's own noise.
+        """
+        if len(own) < 2:
+            return {}
+        base, width = self.places[0], np.array([v.width for v in own])
+        step = min(max(_FLAT, 10 * math.sqrt(base.values.size) * float(np.max(self.noise / self.scale))), _LONGEST)
+        sign = np.array([1.0 if self.parameters[v.at] + step * v.width <= v.upper else -1.0 for v in own])
+
+        def changes(steps: Array) -> Array:  # of the readings, in their noise, for a width
+            questions = []
+            for one in np.atleast_2d(steps):
+                p = self.parameters.copy()
+                p[[v.at for v in own]] += one * width
+                questions.append((self.inputs, p))
+            answers = np.stack(self.caller.ask(questions)) - base.values
+            return np.asarray((answers / self.scale)[:, fitted].reshape(len(questions), -1) / step)
+
+        J = changes(step * np.diag(sign)).T * sign
+        wide = np.stack([(self.slopes[v.name][fitted] * v.width / self.scale).ravel() for v in own], axis=-1)
+        sizes, known = np.linalg.norm(J, axis=0), np.linalg.norm(wide, axis=0)
+        if not ((sizes > known / 2) & (sizes < 2 * known)).all():  # it answers in steps
+            return {}
+        found: dict[str, dict[str, float]] = {}
+        for way in np.linalg.svd(J, full_matrices=False)[2][::-1]:
+            if not np.linalg.norm(changes(step * way)) < _UNTOLD:
+                break
+            k = max((k for k, v in enumerate(own) if v.name not in found), key=lambda k: abs(way[k]))
+            units = way * width / (way[k] * width[k])
+            others = [j for j, part in enumerate(way) if j != k and abs(part) > _TAKES_PART]
+            found[own[k].name] = {own[j].name: float(units[j]) for j in others}
+        return found
 
     @np.errstate(over="ignore", invalid="ignore")  # far beyond all that was read, which a fit refuses
     def predict(self, rows: NDArray[np.intp], q: Quantities) -> Array:
