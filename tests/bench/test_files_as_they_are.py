@@ -401,12 +401,6 @@ def test_a_second_table_with_a_header_of_its_own_is_refused_with_its_line(tmp_pa
     assert len(read_measured(tmp_path / "run.csv", "two_link")) == 3
 
 
-def test_a_word_among_numbers_is_told_with_what_to_do(tmp_path):
-    (tmp_path / "run.csv").write_text("x,y\n1.5,2.5\nerror,4.5\n")
-    with pytest.raises(DataError, match="column x, reading 2: 'error'"):
-        read_measured(tmp_path / "run.csv", "two_link")
-
-
 @pytest.mark.parametrize(
     ("cell", "said"),
     [

@@ -53,16 +53,12 @@ STATED = [
 
 @pytest.mark.parametrize(("said", "spoil"), [
     (r"enc_2 is missing .is enc_2 called Enc(oder)?2", lambda data: renamed(data, "enc_2", "Enc2")),
-    ("orthoglide", lambda data: stating(data, machine="orthoglide")),
     ("another machine", lambda _: MeasuredData({"leg": np.arange(5), "deviation": np.zeros(5)}, "gpm2002", {}, "b")),
     ("degrees", lambda data: data.with_columns({name: np.degrees(data[name]) for name in ENCODERS})),
     ("miss each other", lambda data: data.with_columns(
         dict(zip(ENCODERS, np.random.default_rng(0).uniform(-3, 3, (3, len(data))), strict=True)))),
     ("5 different poses", lambda _: planned(n=5, visits=4, repeats=20)),
     ("sigma_enc", lambda _: stating(planned(n=40, repeats=1), sigma_enc=None)),
-    ("enc_1 holds", lambda data: data.with_columns({"enc_1": np.array(["a"] * len(data))})),
-    ("enc_2 never varies", lambda data: data.with_columns({"enc_2": np.full(len(data), 1.5)})),
-    ("holds back every row", lambda data: data.with_columns({"split": np.full(len(data), "hold")})),
     ("la7", lambda data: stating(data, nominal={"la7": 244.0})),
     ("zz1", lambda data: stating(data, fixed_parameters=["zz1"])),
     ("la1='long'", lambda data: stating(data, nominal={"la1": "long"})),
@@ -83,35 +79,12 @@ def test_a_misnamed_covariate_is_told_and_not_used(data: MeasuredData) -> None:
     assert any("Temp_k" in note.columns and "temp_K" in note.text for note in notes)
 
 
-def test_rows_with_holes_are_left_out_with_a_note(data: MeasuredData) -> None:
-    enc, x = data["enc_1"].copy(), data["x"].copy()
-    enc[3], x[7] = np.nan, np.inf
-    closure = formulate(data.with_columns({"enc_1": enc, "x": x}))
-    assert len(closure.data) == len(data) - 2
-    assert any("2 rows" in note.text for note in closure.data.notes)
-
-
 def test_a_covariate_with_many_holes_goes_and_the_rows_stay(data: MeasuredData) -> None:
     warm = np.where(np.arange(len(data)) % 3 == 0, np.nan, data["temp_K"])
     closure = formulate(data.with_columns({"temp_K": warm}))
     assert len(closure.data) == len(data)
     assert "temp_K" not in closure.data
     assert any("temp_K" in note.text for note in closure.data.notes)
-
-
-@pytest.mark.parametrize("words", [("True", "False"), (True, False), (1, 0), (1.0, 0.0), ("yes", "no")])
-def test_rows_marked_as_not_valid_are_left_out(data: MeasuredData, words: tuple[Any, Any]) -> None:
-    valid = np.array([words[0]] * (len(data) - 4) + [words[1]] * 4)
-    assert len(formulate(data.with_columns({"valid": valid})).data) == len(data) - 4
-
-
-def test_jumps_by_a_turn_are_taken_out(data: MeasuredData) -> None:
-    shifted = data["enc_3"] - np.median(data["enc_3"]) + np.pi
-    wrapped = data.with_columns({"enc_3": shifted % (2 * np.pi)})
-    bent = wrapped.with_columns({"enc_3": (shifted + np.pi) % (2 * np.pi)})
-    closure = formulate(bent)
-    assert np.ptp(closure.data["enc_3"]) == pytest.approx(np.ptp(data["enc_3"]))
-    assert any("enc_3 jumps by a turn" in note.text for note in closure.data.notes)
 
 
 def test_a_tracker_with_one_coordinate_is_not_used(data: MeasuredData) -> None:
@@ -155,16 +128,6 @@ def test_a_hundred_thousand_readings_are_no_matter() -> None:
     data = planned(n=25_000, tracked=True)
     closure = formulate(data)
     assert len(closure.data) == 100_000
-
-
-def test_a_split_in_capitals_is_understood_and_any_other_word_is_refused(data: MeasuredData) -> None:
-    words = np.where(np.arange(len(data)) % 3 == 0, " Hold", "TRAIN")
-    held = formulate(data.with_columns({"split": words})).data["split"]
-    assert set(held.tolist()) == {"train", "hold"}
-    with pytest.raises(DataError, match="split holds 'test'"):
-        formulate(data.with_columns({"split": np.where(words == "TRAIN", "train", "test")}))
-    some = formulate(data.with_columns({"split": np.where(words == "TRAIN", "", "hold")})).data
-    assert any("have no split and are fitted" in note.text for note in some.notes)
 
 
 def test_visits_numbered_anew_for_each_pose_are_visits_of_their_own(data: MeasuredData) -> None:

@@ -127,14 +127,6 @@ def test_an_unknown_printed_set_lists_those_there_are() -> None:
         printed("exp3")
 
 
-def test_rows_marked_not_valid_in_words_are_left_out_and_splits_are_checked() -> None:
-    data = printed("exp2")
-    marked = data.with_columns({"valid": np.array(["false"] + ["true"] * (len(data) - 1))})
-    assert len(machines.make("orthoglide").formulate(marked).data) == len(data) - 1
-    with pytest.raises(DataError, match="split holds 'validate'"):
-        machines.make("orthoglide").formulate(data.with_columns({"split": np.full(len(data), "validate")}))
-
-
 def test_a_calibration_that_runs_away_without_some_poses_tells_no_gap_on_unseen_ones() -> None:
     data = planned("both_ways")
     off = np.where(data["leg"] == "x", 0.04 * np.sign(data["level_mm"]), 0.0)
