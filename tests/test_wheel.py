@@ -31,8 +31,7 @@ OWN = "import numpy as np\n\n\nclass Bowl:\n    lower, upper, start = -np.ones(2
 COMMANDS = """
 import sys
 from calibench.bench.cli import main
-for line in ("list problems", "run problem=sensor_zero optimizer=lm budget=50 seeds=1",
-             "run problem=./own.py:Bowl optimizer=de budget=50 seeds=1", "status results/adhoc"):
+for line in ("list problems", "run problem=./own.py:Bowl optimizer=de budget=50 seeds=1", "status results/adhoc"):
     try:
         main(line.split())
     except SystemExit as ended:

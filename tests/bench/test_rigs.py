@@ -7,7 +7,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from calibench.bench.cli import main
+from calibench.bench.measured import read_measured
 from calibench.core.tables.columns import as_seconds
+from calibench.discrepancy.registries import machines
 from tests.bench.arm_by_hand import NAMES, about, urdf
 from tests.calibration.test_rig import rig, single, without
 
@@ -64,8 +66,10 @@ def test_a_search_reads_three_reflectors_as_a_calibration_does(bench):
     answer = bench("calibrate", "data=three.csv", "resamples=20", "level=geometry")
     assert answer["poses"] == answer["fitted"] == 50  # each of three readings
     assert [name for name in answer["frames"] if name.startswith("target ")] == ["target 2", "target 3"]
-    again = bench("discover", "data=results/calibrate/three/readings.parquet", "sigma_mm=0.03")
-    assert named(again) == named(found)
+    again = read_measured("results/calibrate/three/readings.parquet", "arm")
+    assert (
+        len(machines.make("arm", urdf="my.urdf").formulate(again).data) == 3 * 50 - 1
+    )  # but the first, of which nobody knows whence its joints came
 
 
 def test_packed_times_are_times_and_other_sensors_are_carried_along(bench):
@@ -79,7 +83,7 @@ def test_packed_times_are_times_and_other_sensors_are_carried_along(bench):
 
 
 def test_an_error_that_follows_another_sensor_is_a_formula_of_it(bench):
-    columns, tilt = single(rig(90), 1), np.random.default_rng(8).normal(0, 1, 90)
+    columns, tilt = single(rig(60), 1), np.random.default_rng(8).normal(0, 1, 60)
     columns["joint_3"] = columns["joint_3"] - 0.0004 * tilt
     write("tilt.csv", columns | {"incl_x": tilt})
     formula = bench("discover", "data=tilt.csv", "sigma_mm=0.03")["formula"]
