@@ -105,21 +105,27 @@ def as_measured(content: Columns, name: str, stated: Mapping[str, Any]) -> Measu
     )  # fmt: skip
 
 
+def is_bare(content: Columns) -> bool:
+    """Tell whether the columns came without a header."""
+    return list(content.columns) == [f"column_{k}" for k in range(1, len(content.columns) + 1)]
+
+
 def read_columns(
-    path: Given, declared: Declared, stated: Mapping[str, Any] | None = None, part: bool = False
+    path: Given, declared: Declared, stated: Mapping[str, Any] | None = None, part: bool = False, before: int = 0
 ) -> Columns:
     """Return the columns in `path` in base units, by what their machine declares; none declared: the file states it.
 
     In place of a path columns may be given by name, with heads as in a file. `stated` goes before the file's metadata,
     and under ``columns`` and ``units`` names and units; of a file that is `part` of a table these may name what others
-    hold. Raises `DataError` in one line that begins with the path.
+    hold; without a header its columns are counted on from those `before`. Raises `DataError` in one line that begins
+    with the path.
     """
     where = Path(path) if isinstance(path, str | Path) else "data"
     try:
         raw = _read(where, declared) if isinstance(where, Path) else _named(path, declared)
         content = raw if isinstance(raw, Columns) else columns_of(raw, declared)
-        before = raw.metadata if isinstance(raw, Columns) else _metadata(Path(where), raw.comment)
-        metadata = {**before, **(stated or {})}
+        known = raw.metadata if isinstance(raw, Columns) else _metadata(Path(where), raw.comment)
+        metadata = {**known, **(stated or {})}
         of, machine = str(metadata.get("machine", declared.machine)), declared.machine
         if not of:
             raise DataError(f"states no machine; give machine=NAME, or a {KEY} with one")
@@ -128,6 +134,9 @@ def read_columns(
         if not machine:
             declared = declared_by(of)
             content = raw if isinstance(raw, Columns) else columns_of(raw, declared)
+        if before and is_bare(content):
+            counted = {f"column_{before + k}": one for k, one in enumerate(content.columns.values(), start=1)}
+            content = replace(content, columns=counted)
         names, units = (pairs_of(key, metadata.pop(key, {})) for key in ("columns", "units"))
         content = in_base_units(rename(content, names, units, declared, part=part), declared)
         return replace(content, metadata={**metadata, "machine": machine or of})

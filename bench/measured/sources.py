@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from hashlib import blake2b
+from itertools import accumulate, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -30,7 +31,7 @@ OF_A_CALIBRATION = "readings.parquet"  # of every calibration, in a folder of it
 class Source:
     """One set of data: its case name, its file or folder of sockets, and the machine that was asked for.
 
-    Those `beside` hold other columns of the same rows.
+    Those `beside` hold other columns of the same rows. Columns without a header are counted on from those `before`.
     """
 
     case: str
@@ -38,6 +39,7 @@ class Source:
     machine: str
     printed: str = ""
     beside: tuple[Source, ...] = ()
+    before: int = 0
 
     def read(self, stated: Mapping[str, Any]) -> MeasuredData:
         """Return the data, what is `stated` before their own metadata; raise `DataError`."""
@@ -62,7 +64,7 @@ class Source:
         if "gap" in stated and not part:
             raise DataError(f"gap= joins files by their times, and {self.path} is one; leave it out")
         if not readers.socket_files(self.path):
-            return readers.read_columns(self.path, declared, stated, part)
+            return readers.read_columns(self.path, declared, stated, part, self.before)
         by_label, note = readers.read_sockets(self.path, declared, stated)
         contents = list(by_label.values())
         columns = {name: np.concatenate([one.columns[name] for one in contents]) for name in contents[0].columns}
@@ -123,26 +125,24 @@ def sets(named: str, machine: str | Declared, stated: Mapping[str, Any]) -> list
         return listed
     contents = {one.case: one.columns(declared, stated, part=True) for one in listed}
     names = [set(one.columns) for one in contents.values()]
-    bare = _bare(next(iter(contents.values()))) and len(names[0]) <= _PART
-    if not bare and all(one == names[0] for one in names):
+    bare = [readers.is_bare(one) for one in contents.values()]
+    if not (bare[0] and len(names[0]) <= _PART) and all(one == names[0] for one in names):
         return listed
+    before = accumulate(map(len, names), initial=0) if sum(bare) > 1 else repeat(0)
+    parts = [replace(one, before=count) for one, count in zip(listed, before, strict=False)]
     try:
-        joined(contents, {})
+        joined({one.case: one.columns(declared, stated, part=True) for one in parts}, {})
     except DataError:  # sets of their own
         return listed
-    return [replace(listed[0], beside=tuple(listed[1:]))]
+    return [replace(parts[0], beside=tuple(parts[1:]))]
 
 
 _MOST_PARTS = 8  # files of one table
 _PART = 7  # columns of a file without a header, which are joints or what was measured alone
 
 
-def _bare(content: Columns) -> bool:
-    return list(content.columns) == [f"column_{k}" for k in range(1, len(content.columns) + 1)]
-
-
 def joined(contents: Mapping[str, Columns], stated: Mapping[str, Any]) -> Columns:
-    """Return the columns of all files by time, or, by name, of as many rows; without headers they are counted on."""
+    """Return the columns of all files by time, or, by name, of as many rows."""
     if (in_time := by_time(contents, float(stated.get("gap", GAP)))) is not None:
         return in_time
     if "gap" in stated:
@@ -156,10 +156,8 @@ def joined(contents: Mapping[str, Columns], stated: Mapping[str, Any]) -> Column
             f"files are joined row by row, and these have not as many rows ({counts}); leave out the rows that one of "
             "them lacks"
         )
-    bare = sum(map(_bare, contents.values())) > 1
     for file, content in contents.items():
         for name, column in content.columns.items():
-            name = f"column_{len(columns) + 1}" if bare and _bare(content) else name
             if name in columns:
                 floats = columns[name].dtype.kind == "f" and column.dtype.kind == "f"
                 if not np.array_equal(columns[name], column, equal_nan=floats):

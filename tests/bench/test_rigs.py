@@ -49,11 +49,13 @@ def named(answer):
 
 def test_files_without_heads_are_one_table_for_both_verbs(bench):
     columns = single(rig(60, drift=1.0), 1)
-    write("joints.txt", {name: columns[name] for name in NAMES}, heads=False)
-    write("tracker.txt", {axis: columns[axis] for axis in "xyz"}, heads=False)
-    calibrated = bench("calibrate", "data=joints.txt,tracker.txt", "resamples=20")
+    write("joints.txt", {name: np.rad2deg(columns[name]) for name in NAMES}, heads=False)
+    write("tracker.txt", {axis: columns[axis] / 10 for axis in "xyz"}, heads=False)
+    units = [f"column_{k}:{'deg' if k <= len(NAMES) else 'cm'}" for k in range(1, len(NAMES) + 4)]
+    words = ["data=joints.txt,tracker.txt", f"units={','.join(units)}"]  # counted on from file to file
+    calibrated = bench("calibrate", *words, "resamples=20")
     assert calibrated["poses"] == 60
-    found = bench("discover", "data=joints.txt,tracker.txt", "sigma_mm=0.03")
+    found = bench("discover", *words, "sigma_mm=0.03")
     assert named(found) == {"base_drift": "base"}
 
 
