@@ -141,7 +141,7 @@ def test_which_rows_were_fitted_is_said_with_a_split_and_without(here, capsys):
     written(here, q, seen)
     for name, said in (
         ("my.csv", "is fitted to the other 45 alone; the errors are of the rows"),
-        ("all.csv", "is fitted to all 60; errors are of fits without"),
+        ("all.csv", "is fitted to all 60; errors of poses left out are scaled to it"),
     ):
         (here / "all.csv").write_text(table(q, seen))
         with pytest.raises(SystemExit):
