@@ -97,17 +97,20 @@ class Registry(Generic[T]):
     _made: dict[int, tuple[Callable[[], Any], Made]] = field(default_factory=dict, repr=False)
     _outside_loaded: bool = False
 
-    def register(self, name: str, options: Callable[..., Any] | None = None) -> Callable[[Callable[..., T]], Any]:
+    def register(
+        self, name: str, options: Callable[..., Any] | None = None, *, same: Callable[[T], bool] | None = None
+    ) -> Callable[[Callable[..., T]], Any]:
         """Enter the decorated factory under `name`. A name is entered once; its options are those of its signature.
 
         `options` is another callable whose signature declares the options, for a factory that takes ``**options``.
+        An entry that is the `same` is replaced: its code was run again.
         """
 
         def enter(factory: Callable[..., T]) -> Callable[..., T]:
             if (home := self._promised.get(name)) and home not in sys.modules:  # another's, under a name of ours
                 self._load_promised(home)
-            if name in self._factories:
-                raise ValueError(f"{self.kind} {name!r} is registered twice")
+            if name in self._factories and not (same and same(self._factories[name]())):
+                raise ValueError(f"{self.kind} {name!r} is registered twice; give one of them another name")
             self._factories[name] = factory
             self._options[name] = options or factory
             self._order.setdefault(name)

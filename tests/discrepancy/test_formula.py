@@ -135,7 +135,10 @@ def test_the_lines_of_its_effect_run_and_name_the_cause_with_the_same_gap(
     assert report.formula is not None
     for kept in ("_factories", "_options", "_order"):  # what is entered is gone with the test
         monkeypatch.setattr(effects, kept, getattr(effects, kept).copy())
-    exec(compile(report.formula.to_effect(), "formula.py", "exec"), {})
+    for _ in range(2):  # as a cell of a notebook is
+        exec(compile(report.formula.to_effect(), "formula.py", "exec"), {})
+    with pytest.raises(ValueError, match="registered twice; give one of them another name"):
+        exec(report.formula.to_effect().replace("What the formula says", "Another cause"), {})
     again = explain(Circles(), measured({"product": product, "hysteresis": hysteresis}[which]))
     assert again.verdict == "named"
     assert [f.family for f in again.findings] == ["found_formula"]  # the cause is one, and so is the name
