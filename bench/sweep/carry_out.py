@@ -94,13 +94,14 @@ class Outcome:
 
 def carry_out(
     request: Request, report: Report, retry_failed: bool = False, drop_planned: bool = False, command: str = "",
-    way: Way = "ask", tell: Callable[[str], None] = lambda line: None,
+    way: Way = "ask", tell: Callable[[str], None] = lambda line: None, asks: tuple[str, str] = ("--rerun", "--keep"),
 ) -> Outcome:  # fmt: skip
     """Run what is not done yet and collect the tables; the manifest keeps the `command` that asked for it.
 
     A run counts as done when the tables have its row. With `drop_planned` what was planned before and is not asked for
-    now is abandoned. Finished runs of other code are done again or kept, as `way` says; where it is "ask" and there are
-    some, `RequestError` is raised before anything runs, as are `StoreError` and `ClusterError`.
+    now is abandoned. Finished runs of other code are done again or kept, as `way` says, in the caller's words `asks`;
+    where it is "ask" and there are some, `RequestError` is raised before anything runs, as are `StoreError` and
+    `ClusterError`.
     """
     execution = read_execution(request.execution)
     store = ResultStore(request.folder)
@@ -117,7 +118,8 @@ def carry_out(
     # finished runs of other code: the store forgets those that are done again
     stale = find_stale(request, store, failed_before)
     if way == "ask" and stale.other:
-        raise RequestError(f"{stale.lines()[0]}; --rerun does them again, --keep goes on with them; nothing was run")
+        rerun, keep = asks
+        raise RequestError(f"{stale.lines()[0]}; {rerun} does them again, {keep} goes on with them; nothing was run")
     for line in stale.lines():
         tell(f"{line}; {'they are done again' if way == 'rerun' else 'they are kept'}")
     again = {*failed_before, *stale.other, *stale.unknown} if way == "rerun" else failed_before
@@ -418,7 +420,8 @@ def sweep(*arguments: str, way: Way = "ask", progress: bool = False) -> pd.DataF
     for line in (*request.left_out, *request.copies, *request.remarks):
         warnings.warn(line, stacklevel=2)
     with show_progress(request.folder) if progress else nullcontext(lambda done, of, label: None) as report:
-        outcome = carry_out(request, report, way=way, tell=lambda line: None)
+        asks = ('way="rerun"', 'way="keep"')
+        outcome = carry_out(request, report, way=way, tell=lambda line: None, asks=asks)
     store = ResultStore(request.folder)
     runs = store.runs()
     mine = runs[runs["run_id"].isin(outcome.asked)].reset_index(drop=True)

@@ -75,8 +75,11 @@ def call(fresh, capsys):
     sys.modules.pop("mine", None)
 
 
+WORDS = ("problem=./mine.py:Bowl", "optimizer=./mine.py:Walk", "budget=50", "seeds=1")
+
+
 def sweep(call, *words):
-    return call("run", "-m", "problem=./mine.py:Bowl", "optimizer=./mine.py:Walk", "budget=50", "seeds=1", *words)
+    return call("run", "-m", *WORDS, *words)
 
 
 @pytest.mark.slow
@@ -202,7 +205,10 @@ def test_the_version_of_other_code_is_said_in_words(call):
     code, _, err = sweep(call)
     assert code == 2
     assert "1 of 1 finished run is of other code" in err
+    assert "; --rerun does them again, --keep" in err
     assert " then)" not in err
+    with pytest.raises(ValueError, match='; way="rerun" does them again, way="keep"'):  # from Python in its words
+        bench.sweep(*WORDS)
 
 
 def test_powers_of_ten_are_plain_text_and_a_figure_is_laid_out_once(tmp_path):
