@@ -116,11 +116,12 @@ def outside_bounds(parameters: Iterable[Parameter], ends: Mapping[str, float]) -
     """
     beyond = {}  # in widths of their box
     for p in parameters:
-        at = ends.get(p.name, p.lower)
-        beyond[p] = max(p.lower - at, at - p.upper) / max(p.upper - p.lower, _NARROW)
+        end = ends.get(p.name, p.lower)
+        beyond[p] = max(p.lower - end, end - p.upper) / max(p.upper - p.lower, _NARROW)
     out = sorted((p for p in beyond if beyond[p] > 0), key=lambda p: -beyond[p])
     first, others = (out[:_SHOWN], out[_SHOWN:]) if len(out) > _SHOWN + 1 else (out, [])
-    shown = [f"{p.name} ends at {f'{ends[p.name]:.6g} {p.unit}'.strip()}, outside {p.lower:g} to {p.upper:g}" for p in first]
+    at = {p: f"{ends[p.name]:.6g} {p.unit}".strip() for p in first}
+    shown = [f"{p.name} ends at {at[p]}, outside {p.lower:g} to {p.upper:g}" for p in first]
     if others:
         shown.append(f"outside theirs are {len(others)} more: {', '.join(p.name for p in others)}")
     return tuple(p.name for p in out), "; ".join(shown)

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import calibench
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.gate.endings import frames_of
@@ -208,7 +209,7 @@ def test_the_version_of_other_code_is_said_in_words(call):
     assert "; --rerun does them again, --keep" in err
     assert " then)" not in err
     with pytest.raises(ValueError, match='; way="rerun" does them again, way="keep"'):  # from Python in its words
-        bench.sweep(*WORDS)
+        calibench.sweep(*WORDS)
 
 
 def test_powers_of_ten_are_plain_text_and_a_figure_is_laid_out_once(tmp_path):
