@@ -471,6 +471,7 @@ def test_of_many_parameters_outside_their_bounds_the_furthest_have_their_numbers
     assert shown.count(" mm") == 3
     assert "; outside theirs are 11 more: p11, p10," in shown
     assert outside_bounds(parameters[:5], ends)[1].count(" mm") == 4
+    assert outside_bounds([replace(parameters[1], unit="")], ends)[1] == "p1 ends at 1.5, outside -1 to 1"
 
 
 def test_a_parameter_that_ends_outside_its_bounds_is_told_first(monkeypatch: pytest.MonkeyPatch) -> None:
