@@ -13,6 +13,8 @@ from calibench.bench import cli
 from calibench.bench.cli import main
 from calibench.bench.store.runs import ResultStore
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 REPEATABLE = ["wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
 
 USER_CODE = """

@@ -20,6 +20,8 @@ from calibench.bench.sweep.costs import costs_of
 from calibench.problems import Parameter
 from calibench.problems.base import coordinates_of, parameters_of
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 
 class Well:
     lower, upper, start = -np.ones(2), np.ones(2), np.array([0.8, -0.6])
