@@ -5,8 +5,7 @@ compiles, and pytest rewrites, kept by the others, and they find the first half.
 environment says: the tests start many processes, and each would compile our modules anew.
 
 The compiler stays out of the workers: a process with its memory takes a third longer to fork, as tests do a thousand
-times. The collection makes a million objects that stay: they are not looked through while it does, and a third of them
-goes with one look at its end.
+times. The collection makes a million objects that stay: they are not looked through while it does.
 """
 
 import gc
@@ -72,8 +71,7 @@ def _counts_backwards(collector):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtestloop(session):
-    gc.collect()
-    gc.freeze()  # the objects of the collection, which no test drops, need not be looked through again
+    gc.freeze()  # a million objects of the collection, which no test drops, need not be looked through again
     gc.enable()
     worker = getattr(session.config, "workerinput", None)
     if worker is not None and len(session.items) >= WHOLE:

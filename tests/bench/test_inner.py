@@ -122,7 +122,7 @@ def nothing_left() -> Iterator[None]:
 @pytest.mark.parametrize(
     ("make", "name"),
     [
-        *((Valley, name) for name in BATCHED),
+        *((Valley, name) for name in BATCHED if name not in ("pso", "pygmo_gaco", "pygmo_pso_gen")),  # as ga and cmaes
         *(pytest.param(Holes, name, marks=[pytest.mark.slow] if k > 0 else []) for k, name in enumerate(BATCHED)),
     ],
 )

@@ -207,7 +207,7 @@ def test_a_run_that_ends_where_its_slopes_are_numbers_is_ok_and_counts_the_other
 
 
 @pytest.mark.parametrize("shape", [(3, 2), (2, 3), (4,), (2, 2, 1)])
-@pytest.mark.parametrize("name", SLOPES_ASKED)
+@pytest.mark.parametrize("name", ["lm", "fmincon", "nlopt_LD_SLSQP", "pygmo_ipopt"])  # one of each library
 def test_a_jacobian_of_another_shape_than_residuals_and_parameters_is_one_sentence(name, shape):
     run = bench.execute(Slopes(lambda x: np.zeros(shape)), optimizers.make(name), 400)
     assert (run.status, run.error_type, run.row["jacobian_evaluations"]) == ("failed", "ValueError", 1)
