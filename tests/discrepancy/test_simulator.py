@@ -501,7 +501,7 @@ def asked(folder: Path, *words: str) -> list[str]:
     return ["discover", "machine=simulator", f"data={csv}", f"results={folder}/results", "pages=none", *words]
 
 
-def test_a_killed_search_goes_on_where_it_was(spring, tmp_path, capsys):
+def test_a_killed_search_goes_on_where_it_was(spring, tmp_path):
     """Kill a search among its calls; the next one makes the others, and says what the undisturbed one says."""
     spring.write_text(SLOW)
     words = asked(tmp_path, f"machine.call={spring}:slow", "machine.rows=one", "--json")
@@ -519,11 +519,10 @@ def test_a_killed_search_goes_on_where_it_was(spring, tmp_path, capsys):
     wait_for(lambda: not alive(children))
     (tmp_path / "killed").touch()
     before = called.stat().st_size
-    lines = []
-    for _ in range(2):
-        with suppress(SystemExit):
-            main([*words, "--retry"])
-        lines.append(json.loads(capsys.readouterr().out))
+    twice = "import sys, contextlib\nfrom calibench.bench.cli import main\n"
+    twice += "for _ in range(2):\n    with contextlib.suppress(SystemExit):\n        main(sys.argv[1:])\n"
+    again = subprocess.run([sys.executable, "-c", twice, *words, "--retry"], capture_output=True, text=True)
+    lines = [json.loads(line) for line in again.stdout.splitlines()]
     [first], [second] = ([n for n in line["notes"] if n["code"] == "simulator_calls"] for line in lines)
     assert (
         first["values"]["rows"] - first["values"]["run"] > 0.7 * before - 64
