@@ -4,8 +4,8 @@ Likewise every other worker collects the tests from the last file to the first: 
 compiles, and pytest rewrites, kept by the others, and they find the first half. What is compiled is kept whatever the
 environment says: the tests start many processes, and each would compile our modules anew.
 
-The compiler stays out of the workers: a process with its memory takes a third longer to fork, as tests do a thousand
-times. The collection makes a million objects that stay: they are not looked through while it does.
+The compiler stays out of the workers: a process with its memory takes a third longer to fork, as tests do hundreds
+of times. The collection makes a million objects that stay: they are not looked through while it does.
 """
 
 import gc

@@ -22,8 +22,7 @@ from calibench.core.tables.data_file import LARGEST_PARQUET, LARGEST_TEXT, MOST_
 from calibench.discrepancy import DataError
 
 DEEP = "[" * 100_000 + "]" * 100_000
-MANY = 40_000_000  # numbers
-PLAIN = {"use_dictionary": False, "write_statistics": False, "compression": "lz4"}  # sooner written
+ALIKE = pa.DictionaryArray.from_arrays(np.zeros(40, np.int32), [bytes(8_000_000)])  # 8 MB, and 320 MB when read
 MEMORY = 300_000_000  # bytes above what is there before: no file below may take as much
 
 
@@ -116,7 +115,7 @@ HOSTILE = {
         "has 100000 characters",
     ),
     "list.in.parquet": (
-        lambda path: table(path, {"enc_1": pa.ListArray.from_arrays([0, MANY], np.zeros(MANY))}, **PLAIN),
+        lambda path: table(path, {"enc_1": pa.ListArray.from_arrays([0, 40], ALIKE)}, store_schema=False),
         "it holds list",
     ),
     "many.parquet": (lambda path: table(path, {"enc_1": np.zeros(60_000_000, np.int8)}), "60000000 rows of 1 columns"),
