@@ -349,7 +349,7 @@ def quoted_text(value: str) -> str:
 def study_preset(name: str) -> dict[str, Any] | None:
     """Return the prepared study of a name or a file, None for a mere folder. Raises `RequestError` for no study."""
     path = Path(name).expanduser() if is_study_file(name) else CONF / "study" / f"{name}.yaml"
-    if not is_study_file(name) and ("/" in name or not path.is_file()):
+    if not is_study_file(name) and name not in study_names():
         return None
     from yaml import BaseLoader, YAMLError, compose
 

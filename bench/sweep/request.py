@@ -460,7 +460,7 @@ def _registered_name(kind: str, choice: str) -> str:
     if choice in registry or ":" in choice:
         hydra.enter(kind, choice, registry)
         return choice
-    if (hydra.CONF / kind / f"{choice}.yaml").is_file():
+    if any(path.stem == choice for path in (hydra.CONF / kind).glob("*.yaml")):
         return str(hydra.compose([f"{kind}={choice}"])[kind][hydra.REGISTERED])
     try:
         registry.options(choice)

@@ -2,6 +2,7 @@
 
 import json
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -206,10 +207,17 @@ def test_options_of_a_machine_are_read_against_their_annotation(tmp_path, monkey
 
 
 @pytest.mark.parametrize("name", [300 * "n", "..", "a/b", "a\x1b[31m", "\ud800"])
-@pytest.mark.parametrize("read", [read_calibrate, read_discover])
-def test_a_study_is_the_name_of_one_folder_for_every_verb(read, name):
-    with pytest.raises(RequestError, match="results="):
-        read(["urdf=a" if read is read_calibrate else "machine=gpm2002", "data=b", f"study={name}"])
+@pytest.mark.parametrize(
+    ("read", "words"),
+    [
+        (read_calibrate, ["urdf=a", "data=b"]),
+        (read_discover, ["machine=gpm2002", "data=b"]),
+        (partial(read_request, multirun=False), ["problem=full12", "optimizer=de"]),
+    ],
+)
+def test_a_study_is_the_name_of_one_folder_for_every_verb(read, words, name):
+    with pytest.raises(ValueError, match=r"results=|: holds .* plain text"):
+        read([*words, f"study={name}"])
 
 
 class _Bowl:
