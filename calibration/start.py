@@ -503,6 +503,10 @@ def _trials(readings: Readings, chain: Chain) -> Iterator[Sequence[Trial]]:
         shifted[:, k] += np.deg2rad(degrees)
         values = {"joint": name, "degrees": degrees}
         of_joints.append(Trial(Code.JOINT_SHIFTED, text, shifted, readings, (column,), values))
+        if stated and len(turning) > 1:  # one that is in degrees where rad are stated is refused by its size
+            text = f"with joint {name} alone in rad: {as_units([column], 'rad')}"
+            scaled = _scaled(joints, [k], 180 / np.pi)
+            of_joints.append(Trial(Code.JOINT_UNIT, text, scaled, readings, (column,), {"unit": "rad"}))
     for a, b in combinations(range(len(chain.driven)), 2):
         order = list(range(len(chain.driven)))
         order[a], order[b] = b, a

@@ -77,6 +77,15 @@ def test_both_verbs_say_it_in_one_line(folder, monkeypatch, capsys):
     assert lines[0].count("\n") == 1
 
 
+def test_one_joint_in_rad_among_those_in_degrees_is_told(folder):
+    q, seen, _ = measured(60)
+    mixed = np.rad2deg(q) * [1, 1, 1, np.pi / 180, 1, 1]
+    with pytest.raises(DataError, match="with joint joint_4 alone in rad: units=joint_4:rad"):
+        calibench.calibrate(
+            folder / "my.urdf", np.column_stack([mixed, seen]), names=[*(f"{n} [deg]" for n in NAMES), *"xyz"]
+        )
+
+
 def test_what_is_no_mistake_that_is_known_is_told_as_another_arm(folder):
     q, seen, _ = measured(60)
     mixed = np.random.default_rng(0).permutation(q)
