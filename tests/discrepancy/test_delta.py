@@ -261,6 +261,12 @@ def test_numbers_that_no_delta_has_are_refused(metadata, said):
         discrepancy.machines.make("delta").formulate(replace(data, metadata={**data.metadata, **metadata}))
 
 
+def test_ways_of_the_other_sign_are_not_told_to_be_in_mm_as_they_are():
+    data = planned("object")
+    with pytest.raises(DataError, match="cannot meet there; check steps_per_mm"):
+        discrepancy.machines.make("delta").formulate(data.with_columns({"travel_a": -np.asarray(data["travel_a"])}))
+
+
 def test_ways_that_were_taken_for_metres_are_told_with_their_unit():
     data = planned("object")
     ways = {name: 1000 * np.asarray(data[name]) for name in data.columns if name.startswith("travel_")}

@@ -50,6 +50,7 @@ _ANGLES = {"angle_a": 210 * pi / 180, "angle_b": 330 * pi / 180, "angle_c": 90 *
 _CHECKED = "delta_checked"
 _KINDS = ("height", "distance")
 _SIGMA = {"height": 0.02, "distance": 0.05}  # mm: a switch probe, a caliper on plastic
+_FAR = 1e4  # mm: no carriage goes so far
 _WIDTH = 20.0  # mm: a switch stands within it
 _PLACES = 12  # heights from which on a disagreement over the bed is looked for: fewer draw no surface
 
@@ -260,7 +261,8 @@ def accepted(data: MeasuredData) -> MeasuredData:
             row = data.rows_named(np.flatnonzero(own)[np.flatnonzero(~met)[:1]])
             hint = "check steps_per_mm, arm and radius (steps and ways count down from the endstops)"
             names = [f"travel_{t}{at}" for at in ("", "_2") for t in TOWERS if f"travel_{t}{at}" in data]
-            if not any(f"steps_{t}" in data for t in TOWERS) and _meet(data, end, own, 0.001).all():
+            far = all(np.median(np.abs(np.asarray(data[f"travel_{t}{end}"])[own])) > _FAR for t in TOWERS)
+            if far and not any(f"steps_{t}" in data for t in TOWERS) and _meet(data, end, own, 0.001).all():
                 hint = "they meet where the ways are in mm: units=" + ",".join(f"{name}:mm" for name in names)
             raise DataError(f"{data.name}: {row}: rods of this length cannot meet there; {hint}")
     return data
