@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from calibench.core.notes import Code
 from calibench.core.tables.cells import factors_near
+from calibench.core.tables.columns import Quantity
 from calibench.core.words import plain
 from calibench.discrepancy.model.formulations import Predicted
 from calibench.discrepancy.model.machine import Formulation, Machine, Numbers
@@ -253,12 +254,13 @@ def formulated(machine: Machine, data: MeasuredData, unnamed: bool = False) -> F
     fits take time, a table whose rest is no larger than what a model may lack is looked at only if a search found it
     `unnamed`.
     """
-    made, said = None, ""
+    made: Formulation | None = None
+    refused: MisfitError | None = None
     try:
         made = machine.formulate(data)
     except MisfitError as error:
-        said = str(error)
-    if not said and getattr(made, "constraints", None) is None:
+        refused = error
+    if refused is None and getattr(made, "constraints", None) is None:
         raise DataError(
             f"{machine.name}: formulate(data) returned {type(made).__name__}; Predicted(...), Constraints(...) or "
             "Blocks(...) is needed"
@@ -273,6 +275,23 @@ def formulated(machine: Machine, data: MeasuredData, unnamed: bool = False) -> F
         off = float(np.sqrt(np.mean((Model(made).residuals(robust(Model(made), noise)) / noise) ** 2)))
     if made is not None and _LOW < off < (_CALM if unnamed else _FAR_OUT):
         return made
+    times, ways_out = _cures_of_table(machine, data, made, read, off)
+    if ways_out:
+        said = f"{refused}; the readings fit it" if refused else f"{data.name}: calibration leaves {times} times less"
+        raise DataError(f"{said} {'; or as near '.join(ways_out)}")
+    if made is None:
+        raise DataError(str(refused))
+    return made
+
+
+def _cures_of_table(
+    machine: Machine, data: MeasuredData, made: Formulation | None, read: Sequence[Quantity], off: float
+) -> tuple[str, list[str]]:
+    """Return how many times less calibration leaves of the columns `read` without a mistake or two, and these in words.
+
+    `made` is what the machine makes of the table as it stands, None where it refuses, and `off` what that leaves.
+    """
+    known = description_of(machine.name)
     table = {column.name: data[column.name] for column in read if data[column.name].dtype.kind in "iuf"}
     unit_of = {column.name: column.unit for column in read if column.name in table}
     parts = {part: None for name in table for part in name.split("_")}
@@ -294,17 +313,13 @@ def formulated(machine: Machine, data: MeasuredData, unnamed: bool = False) -> F
         if min(two.values(), default=np.inf) < best - falls:
             cures, best = two, min(two.values())
     cures = {cure: rest for cure, rest in cures.items() if rest <= best + np.log(_ALIKE)}
-    if best < now - falls and not off * np.exp(best - now) > _FAR_OUT:
-        # so it is in some rows; now in all of them, the wild ones with small weights
-        now = np.inf if made is None else left((), surely=True)
-        cures = {cure: rest for cure in [*cures][:_CURES] if (rest := left(cure, surely=True)) < now - falls}
-        if cures:
-            times = plain(np.exp(now - min(cures.values())), 2)
-            said = f"{said}; the readings fit it" if said else f"{data.name}: calibration leaves {times} times less"
-            raise DataError(f"{said} {'; or as near '.join(', and '.join(c.words for c in cure) for cure in cures)}")
-    if made is None:
-        raise DataError(said)
-    return made
+    if not (best < now - falls and not off * np.exp(best - now) > _FAR_OUT):
+        return "", []
+    # so it is in some rows; now in all of them, the wild ones with small weights
+    now = np.inf if made is None else left((), surely=True)
+    cures = {cure: rest for cure in [*cures][:_CURES] if (rest := left(cure, surely=True)) < now - falls}
+    times = plain(np.exp(now - min(cures.values(), default=now)), 2) if made is not None else ""
+    return times, [", and ".join(c.words for c in cure) for cure in cures]
 
 
 def _left(
