@@ -118,6 +118,11 @@ def of_a_ratio(inputs, parameters):  # with a kink, over which slopes are wide
     return {"y": k * inputs["u"], "z": np.maximum(p["mass"] / p["tau"] * inputs["t"], 0.9)}
 
 
+def jumps_in_some_rows(inputs, parameters):
+    said, jump = answer(inputs, parameters), 2e-4 * np.sign(np.sin(1e7 * parameters["tau"]))
+    return {"y": said["y"] + np.where(inputs["u"] > 1.0, jump, 0.0), "z": said["z"]}
+
+
 def prints(inputs, parameters):
     print("a step")
     return answer(inputs, parameters)
@@ -425,6 +430,21 @@ def test_a_simulator_that_is_rounded_noisy_or_jumps_says_what_a_smooth_one_says(
     assert low < 0.01 < high < low + 0.004
     [note] = [note for note in report.notes if note.code is Code.SIMULATOR_CALLS]
     assert ("rounded, noisy or jumps" in note.text) == (own > 0)
+
+
+def test_rows_that_jump_make_no_parameter_surer_where_the_first_that_are_looked_at_do_not(spring):
+    data = readings()
+    few = np.unique(np.linspace(0, 119, 8).astype(int))  # on which noise and steps are told
+    u = np.array(data["u"])
+    u[few] = np.clip(u[few], -1.0, 0.9)
+    rise = 1 - np.exp(-data["t"] / 0.55)
+    noise = 0.002 * np.random.default_rng(4).standard_normal((2, 120))
+    data = data.with_columns(
+        {"u": u, "y": u / 2.2 * rise + noise[0], "z": np.sin(u) * rise + 0.22 * data["t"] + noise[1]}
+    )
+    sure, jumping = (explain(simulator(spring, f), data).parameters["tau"] for f in ("answer", "jumps_in_some_rows"))
+    assert jumping.sd == pytest.approx(sure.sd, rel=0.1)
+    assert jumping.after == pytest.approx(sure.after, abs=sure.sd)
 
 
 def test_rows_that_depend_on_each_other_are_simulated_as_a_whole(spring):

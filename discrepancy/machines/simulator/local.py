@@ -44,6 +44,7 @@ _RADII = 0.15 / 3.0 ** np.arange(7)  # of the range of a number: of the ladder, 
 _FALL = 2.5  # of the third difference over a third of the step: less is rough, 3 is a kink, 27 is smooth
 _LOUD = 1e-3  # of the noise of a reading: own noise from which an output is rough
 _FAN = np.array([-3.0, -1.0, 1.0, 3.0])  # steps
+_BENT = 100.0  # times its slope over the range of a number: an output that bends more jumps within the step
 _FLAT = 1e-5  # of the range of a number: the least step by which a parameter is told that others make up for
 _TAKES_PART = 0.01  # of such a combination, in ranges
 _UNTOLD = 3.0  # times the noise of all readings, for its whole range: parameters that change them less are not told
@@ -402,6 +403,19 @@ class LocalModel:
             bend = np.where(np.abs(bend) > least, bend, 0.0)
             self.slopes[v.name], self.curves[v.name] = slope, bend
             self.reaches[v.name] = np.sqrt(np.sqrt(np.mean(bend**2, axis=0)))
+        if self.independent and (jumps := [v for v in variables if v.name not in self.rough and self._jumps(v)]):
+            self._differentiate(jumps, at)
+
+    def _jumps(self, v: Variable) -> bool:
+        """Return whether an output is rough along a variable, told by rows that bend as no smooth one does; note it."""
+        bend = np.abs(self.curves[v.name]) * v.width**2 / self.scale
+        slope = np.abs(self.slopes[v.name]) * v.width / self.scale
+        if not np.linalg.norm(bend) > 1 + _BENT * np.linalg.norm(slope):
+            return False
+        step = self._step(v, np.sort(np.argsort(bend.max(axis=1))[-FEW:]), True)
+        if v.name in self.rough:
+            self.steps = {**self.steps, v.name: step}
+        return v.name in self.rough
 
     def _offsets(self, v: Variable, h: float, p: Array) -> tuple[float, float]:
         """Return the two offsets of a difference: to both sides, or to one where a limit is nearer than the step."""
