@@ -106,7 +106,7 @@ class Kept:
                     state[number] = KINDS[number].merged(before, after, state[number])
 
 
-_UNDER_WAY: ContextVar[tuple[Kept, ...]] = ContextVar("_UNDER_WAY", default=())  # runs and imports, the innermost last
+UNDER_WAY: ContextVar[tuple[Kept, ...]] = ContextVar("UNDER_WAY", default=())  # runs and imports, the innermost last
 
 
 @contextmanager
@@ -115,7 +115,7 @@ def kept(*modules: str) -> Iterator[Kept]:
     with _imports_seen():
         run = Kept()
         try:
-            with _under_way(*_UNDER_WAY.get(), run):
+            with _under_way(*UNDER_WAY.get(), run):
                 for module in dict.fromkeys(modules):
                     _act(module)
                 yield run
@@ -126,18 +126,13 @@ def kept(*modules: str) -> Iterator[Kept]:
 @contextmanager
 def _under_way(*these: Kept, undone: bool = False) -> Iterator[None]:
     """Let `these` be under way in the block; `undone`: what the last has changed is put back at the end of it."""
-    token = _UNDER_WAY.set(these)
+    token = UNDER_WAY.set(these)
     try:
         yield
     finally:
-        _UNDER_WAY.reset(token)
+        UNDER_WAY.reset(token)
         if undone:
             these[-1].undo()
-
-
-def is_kept() -> bool:
-    """Tell whether a run is under way whose state will be put back."""
-    return bool(_UNDER_WAY.get())
 
 
 def lasting() -> list[str]:
@@ -185,7 +180,7 @@ def _remember(modules: Iterable[str], what: _Import) -> None:
 
 def _act(module: str) -> None:
     """Set what the import of `module` sets, once a run."""
-    under_way = _UNDER_WAY.get()
+    under_way = UNDER_WAY.get()
     if not under_way or module in under_way[-1].acted or module not in _BY_IMPORT:
         return
     is_done = any(module in one.acted for one in under_way)
@@ -249,7 +244,7 @@ def _import(
         return _PYTHONS[0](name, globals, locals, fromlist, level)
 
     loaded, this = set(sys.modules), Kept(SLOW)
-    with _under_way(*(() if by_ours else _UNDER_WAY.get()), this, undone=by_ours):
+    with _under_way(*(() if by_ours else UNDER_WAY.get()), this, undone=by_ours):
         try:
             return _PYTHONS[0](name, globals, locals, fromlist, level)
         finally:
@@ -259,6 +254,6 @@ def _import(
             of_users = lost or any(file is not None and is_local(Path(file).resolve()) for file in files)
             what = _Import(tuple(this.acted), this.change(own=True), not of_users)
             _remember(new, what)
-            for one in _UNDER_WAY.get():
+            for one in UNDER_WAY.get():
                 one.acted |= dict.fromkeys(module for module in new if module in _BY_IMPORT)
                 one.expect(what)

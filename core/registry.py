@@ -236,7 +236,7 @@ class Registry(Generic[T]):
                 _NOT_IMPORTED.setdefault((self.kind, name), {})[_LEAVES_OUT.get()] = None
                 raise NotImported(f"the {self.kind} is {name}, which reading does not import; --trust does")
             return name
-        if name in self._known and user_file.keeps_loaded():
+        if name in self._known and user_file.KEPT:
             return self._known[name]
         if user_file.is_file_path(name):  # by itself too once it was loaded, wherever one stands
             file, attribute = user_file.place_of(name), name.rpartition(":")[2]

@@ -22,7 +22,7 @@ from calibench.core import sources
 
 _SAFE, _OURS = "PYTHONSAFEPATH", "calibench"
 _LOADED: dict[Path, ModuleType] = {}
-_KEPT: list[None] = []  # not empty: what is loaded is kept, whatever has become of its file
+KEPT: list[None] = []  # not empty: what is loaded is kept, whatever has become of its file
 
 
 def is_file_path(name: str) -> bool:
@@ -49,7 +49,7 @@ def load(file: Path) -> ModuleType:
     """
     known = _LOADED.get(file)
     if known is not None:
-        if _KEPT:
+        if KEPT:
             return known
         files = sources.closure(file)  # a tenth of a second where it imports much
         if not sources.changed(files):
@@ -119,16 +119,11 @@ def as_usual() -> None:
 @contextmanager
 def as_loaded() -> Iterator[None]:
     """Keep to the code that is loaded: a sweep does not change its code where a file is edited under it."""
-    _KEPT.append(None)
+    KEPT.append(None)
     try:
         yield
     finally:
-        _KEPT.pop()
-
-
-def keeps_loaded() -> bool:
-    """Tell whether what is loaded is kept, whatever has become of its file."""
-    return bool(_KEPT)
+        KEPT.pop()
 
 
 @contextmanager

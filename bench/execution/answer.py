@@ -137,7 +137,7 @@ def answer_of(pair: Pair, x: Array | None, ending: Ending, repetition: int) -> t
     """Return what the answer x, shape (dim,), means, and the ending: a failure where the problem fails in this."""
     problem = pair.problem
     known: dict[str, Any] = {}  # kept, whatever the figures of merit do
-    if own_state.is_kept() and asks(problem):  # a fork begins `random` anew
+    if own_state.UNDER_WAY.get() and asks(problem):  # a fork begins `random` anew
         begin_generators(seed_sequence(pair.problem_word, "judging", repetition=repetition))
     try:
         if x is not None:

@@ -121,7 +121,12 @@ def entries(results: Path) -> Iterator[Entry]:
         results = results.resolve()
     digest = blake2b(os.fsencode(results), digest_size=12).hexdigest()
     path = cache_root() / "studies" / f"{digest}-{_VERSION}.json"
-    kept, now = _read_index(path), Kept()
+    kept, now = Kept(), Kept()
+    with suppress(OSError, AttributeError, TypeError, ValueError, KeyError):  # there is none, or a hand has been at it
+        kept = {
+            name: (state, None if row is None else Entry(**row | {key: tuple(row[key]) for key in _TUPLES}))
+            for name, (state, row) in json.loads(path.read_bytes()).items()
+        }
     foreign: set[str] = set()  # folders whose manifest is not ours
     fresh = time.time_ns() - int(_FRESH * 1e9)
     for name, folder, files in _walk(results, foreign):
@@ -179,17 +184,6 @@ def _file_of(one: "os.DirEntry[str]") -> File:
     except OSError:
         return one.name, -1, 0, 0
     return one.name, found.st_size, found.st_mtime_ns, found.st_ino
-
-
-def _read_index(path: Path) -> Kept:
-    """Return what an earlier look found; nothing of a file that is not there, or that a hand has been at."""
-    try:
-        return {
-            name: (state, None if row is None else Entry(**row | {key: tuple(row[key]) for key in _TUPLES}))
-            for name, (state, row) in json.loads(path.read_bytes()).items()
-        }
-    except (OSError, AttributeError, TypeError, ValueError, KeyError):
-        return {}
 
 
 def _read(path: str, name: str) -> Entry | None:

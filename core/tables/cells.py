@@ -74,12 +74,6 @@ def factors_near(unit: str) -> dict[str, float]:
     return {u: factor / scale for u, factor in units.items() if factor != scale}
 
 
-def usual_factors() -> tuple[float, ...]:
-    """Return the factors between units that people take for each other, both ways, whatever the kind."""
-    pairs = [between("", one, other) for one, other in _CHANGED]
-    return tuple(f for factor in pairs for f in (factor, 1 / factor))
-
-
 def factor_to_base(column: str, unit: str, needed: str | None = None) -> tuple[str, float]:
     """Return the unit in which `column` is kept, `needed` if that is stated, and the factor that turns `unit` into it.
 
@@ -190,3 +184,9 @@ def _marks(column: str, words: Any, known: tuple[str, ...], needed: str) -> NDAr
     if other := sorted(set(marks.tolist()) - set(known)):
         raise ValueError(f"column {column} holds {other[0]!r}; {needed} is needed")
     return marks
+
+
+# the factors between units that people take for each other, both ways, whatever the kind
+USUAL_FACTORS = tuple(
+    f for one, other in _CHANGED for factor in [between("", one, other)] for f in (factor, 1 / factor)
+)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from typing import Any, Protocol, cast, final, runtime_checkable
 
 import numpy as np
@@ -276,12 +277,8 @@ class EffectFamily:
         """Enter the family under its name; entered again, by lines that are run twice, it takes the place of itself."""
         if self.machine != GENERAL:
             load_shipped()  # first, so that theirs stand first
-
-        def same(known: EffectFamily) -> bool:
-            said = [(f.cause, f.formula, f.channel, f.columns, f.unit, f.targets) for f in (self, known)]
-            return said[0] == said[1]
-
-        effects.register(f"{self.machine}/{self.name}", same=same)(lambda: self)
+        said = attrgetter("cause", "formula", "channel", "columns", "unit", "targets")
+        effects.register(f"{self.machine}/{self.name}", same=lambda known: said(known) == said(self))(lambda: self)
         return self
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibench.calibration import columns as arm_columns
 from calibench.calibration.arm import Arm
-from calibench.calibration.columns import PAYLOAD, SITE, SOCKET, TARGET, WARMTH, Matched, match_columns
+from calibench.calibration.columns import PAYLOAD, SITE, SOCKET, TARGET, WARMTH, match_columns
 from calibench.calibration.kinematics import Chain
 from calibench.calibration.readings import Table, by_target, columns_of, read_readings, readable
 from calibench.calibration.rigid import Array, rpy_of
@@ -63,7 +63,8 @@ def accepted(data: MeasuredData, arm: Arm, observe: str = "") -> tuple[MeasuredD
             by_row["pose_id"] = np.unique(np.column_stack(same), axis=0, return_inverse=True)[1].ravel()
             by_row["visit_id"] = np.arange(len(table))
         data = replace(data.rows(rows), columns=by_row, notes=once([*data.notes, *table.notes]))
-    data = with_unread("arm", entered(data), _columns_of(matched))
+    parts = (matched.joints, matched.position, matched.rotation, matched.other, *matched.targets.values())
+    data = with_unread("arm", entered(data), {column for part in parts for column in part.values()})
     table, how = table_of_data(data), HowRead(observe or ("sockets" if SOCKET in data else ""))
     try:
         start = start_of(read_readings(table, chain, how.observe, copies=True), chain)
@@ -103,11 +104,6 @@ def accepted(data: MeasuredData, arm: Arm, observe: str = "") -> tuple[MeasuredD
         columns[WARMTH], metadata[MIDDLE] = warm
     made = replace(whole, columns=columns, units=units, notes=once(notes), machine="arm", metadata=metadata)
     return (made.rows(np.arange(len(whole)) != order[0]) if unknown else made), start
-
-
-def _columns_of(matched: Matched) -> set[str]:
-    parts = (matched.joints, matched.position, matched.rotation, matched.other, *matched.targets.values())
-    return {column for part in parts for column in part.values()}
 
 
 def completed(data: MeasuredData, chain: Chain, start: Start) -> MeasuredData:

@@ -23,7 +23,7 @@ import numpy as np
 from calibench.core import user_file
 from calibench.core.notes import Code, Note
 from calibench.core.options import shown, suggest
-from calibench.core.tables.cells import factors_near, usual_factors
+from calibench.core.tables.cells import USUAL_FACTORS, factors_near
 from calibench.core.words import counted, plain, print_plain
 from calibench.discrepancy.checks.wild import FAR
 from calibench.discrepancy.machines.simulator import caller as calls
@@ -375,7 +375,6 @@ def _refuse_units(data: MeasuredData, local: LocalModel, nominal: Array, seen: A
     tried at the nominal parameters: the best factor of each such output, whatever its unit, alone and beside each other
     unit that an input, or all inputs of one stated unit, may be in.
     """
-    usual = usual_factors()
 
     def stated(column: str) -> tuple[float, ...]:
         """Return the factors between the unit that a column states and others, both ways; of alike ones the first."""
@@ -403,7 +402,9 @@ def _refuse_units(data: MeasuredData, local: LocalModel, nominal: Array, seen: A
             ratio, weight = p[known] / y[known], np.abs(y[known])
             order = np.argsort(ratio)
             middle = float(ratio[order][np.searchsorted(np.cumsum(weight[order]), weight.sum() / 2)])
-            nearest = [sorted(some, key=lambda f: abs(math.log(f / middle)))[:1] for some in (stated(name), usual)]
+            nearest = [
+                sorted(some, key=lambda f: abs(math.log(f / middle)))[:1] for some in (stated(name), USUAL_FACTORS)
+            ]
             found[k] = next((f for [f] in filter(None, nearest) if abs(math.log(f / middle)) < _ALIKE), middle)
         return np.where(np.abs(np.log(found)) > _OF_UNITS, found, 1.0)
 
@@ -420,7 +421,7 @@ def _refuse_units(data: MeasuredData, local: LocalModel, nominal: Array, seen: A
     by_unit: dict[str, list[str]] = {}
     for u in names.inputs if local.independent else ():
         by_unit.setdefault(data.units.get(u, ""), []).append(u)
-        changes += [((u,), factor, 0.0) for factor in {*usual, *stated(u)}]
+        changes += [((u,), factor, 0.0) for factor in {*USUAL_FACTORS, *stated(u)}]
         changes += [((u,), 1.0, shift) for shift in (_CELSIUS, -_CELSIUS)]
     for alike in (one for one in by_unit.values() if len(one) > 1):
         changes += [(tuple(alike), factor, 0.0) for factor in stated(alike[0])]
