@@ -135,11 +135,25 @@ def dh_readings() -> bytes:
 
 
 def orthoglide_rows() -> Rows:
-    from calibench.problems.orthoglide.plans import measured, write_table
+    from calibench.problems.orthoglide.plans import measured
 
-    path = Path("orthoglide.csv")
-    write_table(path, *measured("exp2"))
-    return list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
+    names = ["leg", "direction", "posture", "gauge_position", "level_mm", "against_mm", "pass", "payload_N", "repeat"]
+    rows = [
+        [
+            r.leg,
+            r.direction,
+            r.axis,
+            r.gauge_position,
+            r.level_mm,
+            r.against_mm,
+            r.approach,
+            r.payload_N,
+            r.repeat,
+            value,
+        ]
+        for r, value in zip(*measured("exp2"), strict=True)
+    ]
+    return [[*names, "deviation [mm]"], *([str(cell) for cell in row] for row in rows)]
 
 
 def as_parquet(rows: Rows, metadata: str = '{"machine": "gpm2002", "sigma_enc": 5.5e-5}') -> bytes:

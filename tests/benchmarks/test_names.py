@@ -1,6 +1,8 @@
 """`make bench` runs every benchmark by its name, and only those."""
 
+import ast
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import pandas as pd
@@ -18,6 +20,16 @@ def test_every_known_benchmark_has_rows_and_no_other_module_has_them() -> None:
 
     assert set(known_names()) == with_rows
     assert {"gate", "kernels", "optimisers"} <= with_rows
+
+
+def test_what_a_benchmark_imports_as_it_runs_is_there() -> None:
+    [folder] = benchmarks.__path__
+    nodes = [node for file in Path(folder).rglob("*.py") for node in ast.walk(ast.parse(file.read_text("utf-8")))]
+    ours = [node for node in nodes if isinstance(node, ast.ImportFrom) and str(node.module).startswith("calibench.")]
+    named = {(str(node.module), alias.name) for node in ours for alias in node.names}
+    assert not [
+        one for one in sorted(named) if not hasattr(import_module(one[0]), one[1]) and not find_spec(".".join(one))
+    ]
 
 
 def test_a_part_that_is_measured_again_leaves_the_rest_of_the_page_alone() -> None:
