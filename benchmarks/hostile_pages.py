@@ -327,10 +327,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         for kind in given.only or KINDS:
             found: list[Counter[str]] = []
             for name, words in (("plain", plain()), *((f"hostile {k}", hostile(k)) for k in range(0, len(HOSTILE), 8))):
-                folder = given.to / kind / name
+                folder = given.to.resolve() / kind / name
                 shutil.rmtree(folder, ignore_errors=True)
                 folder.mkdir(parents=True)
-                pages = [page.resolve() for page in KINDS[kind](folder, words)]
+                pages = list(KINDS[kind](folder, words))
                 ran, hosts, acts = look(pages, port, said, Path(home))
                 asked = _asked(hosts, own)
                 found.append(acts)
