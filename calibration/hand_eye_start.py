@@ -38,6 +38,7 @@ _TIMES_OF = ("t", "time", "stamp", "timestamp")
 _NO_POSE = ("split", "valid", *_TIMES_OF)
 _UNITS_OF_TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 _SINCE_1970 = {1e17: "ns", 1e14: "us", 1e11: "ms"}  # numbers beyond, where no unit is stated
+_SMALL = 5.0  # mm: places of flange and board of any robot reach further
 _HUGE = 1e9  # mm: a place that no instrument gives
 
 
@@ -289,6 +290,13 @@ def _in_base_units(table: Table, both: Mapping[str, Matched]) -> tuple[Table, tu
         other = next((name for name in names if table.units[name] != base), None)
         if other is not None:
             raise DataError(f"column {other} is in {table.units[other]}, and {base} or {example} is needed")
+    values = np.abs([np.asarray(table.columns[name], dtype=float) for name in places])
+    largest = float(np.max(values, where=values < _HUGE, initial=0.0))
+    if 0 < largest < _SMALL:
+        raise DataError(
+            f"{', '.join(places)} are {plain(largest, 2)} mm at most, and no robot is so small: are they in m? "
+            f"{as_units(places, 'm')}"
+        )
     return table, notes
 
 

@@ -269,6 +269,12 @@ def test_columns_that_are_exchanged_are_told_with_the_columns_to_copy(bench, tmp
     assert np.allclose(found["camera"]["position"], CAMERA[0], atol=1.0)
 
 
+def test_a_robot_of_a_millimetre_is_one_in_metres(bench, tmp_path):
+    parts = [columns_of(p, n, "m") for p, n in zip(measured(12), ("flange", "board"), strict=True)]
+    write(tmp_path / "q.csv", *(([head.replace("[m]", "[mm]") for head in heads], rows) for heads, rows in parts))
+    assert "units=flange_x:m,flange_y:m,flange_z:m,board_x:m" in bench("hand_eye=eye_in_hand", "data=q.csv", code=2)
+
+
 def test_a_sign_and_the_unit_of_one_column_are_told(bench, tmp_path):
     parts = [columns_of(p, n) for p, n in zip(measured(12, noise=NOISE), ("flange", "board"), strict=True)]
     parts[0][1][:, 4] *= -1
