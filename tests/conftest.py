@@ -4,14 +4,12 @@ Likewise every other worker collects the tests from the last file to the first: 
 compiles, and pytest rewrites, kept by the others, and they find the first half. What is compiled is kept whatever the
 environment says: the tests start many processes, and each would compile our modules anew.
 
-The compiler stays out of the workers: a process with its memory takes a third longer to fork, as tests do hundreds
-of times. The collection makes a million objects that stay: they are not looked through while it does.
+The collection makes a million objects that stay: they are not looked through while it does.
 """
 
 import gc
 import importlib
 import os
-import subprocess
 import sys
 
 import pytest
@@ -33,12 +31,6 @@ SECONDS = {
     "delta9": 4,
     "orthoglide6": 4,
 }
-COMPILE = """
-import sys
-from calibench import optimizers, problems
-for name in sys.argv[1:]:
-    (problems if name in problems.names() else optimizers).make(name).compile()
-"""
 
 
 def shares(workers):
@@ -74,9 +66,13 @@ def pytest_runtestloop(session):
     gc.freeze()  # a million objects of the collection, which no test drops, need not be looked through again
     gc.enable()
     worker = getattr(session.config, "workerinput", None)
-    if worker is not None and len(session.items) >= WHOLE:
-        mine = shares(worker["workercount"])[int(worker["workerid"].removeprefix("gw"))]
-        subprocess.run([sys.executable, "-c", COMPILE, *mine], check=True)
+    if worker is None or len(session.items) < WHOLE:
+        return
+    from calibench import optimizers, problems
+
+    for name in shares(worker["workercount"])[int(worker["workerid"].removeprefix("gw"))]:
+        registry = problems if name in problems.names() else optimizers
+        registry.make(name).compile()
 
 
 @pytest.fixture(autouse=True, scope="session")
