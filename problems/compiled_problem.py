@@ -24,6 +24,22 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
+def vector_of(problem: Any, x: Array) -> Array:
+    """Return x as an array of shape (dim,) of our own, so that one compiled form serves all callers' arrays."""
+    own = np.array(x, dtype=np.float64)
+    if own.shape != problem.lower.shape:
+        raise ValueError(f"{problem.name}: x has shape {own.shape}, ({len(problem.lower)},) is needed")
+    return own
+
+
+def vectors_of(problem: Any, points: Array) -> Array:
+    """Return candidates likewise, shape (k, dim)."""
+    own = np.array(points, dtype=np.float64, order="C")
+    if own.ndim != 2 or own.shape[1] != len(problem.lower):
+        raise ValueError(f"{problem.name}: points have shape {own.shape}, (k, {len(problem.lower)}) is needed")
+    return own
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class CompiledProblem:
@@ -75,13 +91,7 @@ class CompiledProblem:
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state | {"kernels": import_module(state["kernels"])})
 
-    def vector(self, x: Array) -> Array:
-        """Return x as the kernels take it: a copy, so that one compiled form serves all callers' arrays."""
-        return vector(self.name, x, len(self.lower))
-
-    def vectors(self, points: Array) -> Array:
-        """Return candidates as the kernels take them, shape (k, dim), likewise."""
-        return vectors(self.name, points, len(self.lower))
+    vector, vectors = vector_of, vectors_of
 
 
 def hold(
@@ -119,19 +129,3 @@ def passed(method: Callable[Concatenate[CompiledProblem, P], T]) -> Callable[Con
 def itself(problem: Any, x: Array) -> Array:
     """Return the physical parameters of x, which are x: the `physical` of problems that search their parameters."""
     return np.array(x, dtype=float)
-
-
-def vector(name: str, x: Array, dim: int) -> Array:
-    """Return x as an array of shape (dim,) of our own; `name` is the problem's, for the message."""
-    own = np.array(x, dtype=np.float64)
-    if own.shape != (dim,):
-        raise ValueError(f"{name}: x has shape {own.shape}, ({dim},) is needed")
-    return own
-
-
-def vectors(name: str, points: Array, dim: int) -> Array:
-    """Return candidates likewise, shape (k, dim)."""
-    own = np.array(points, dtype=np.float64, order="C")
-    if own.ndim != 2 or own.shape[1] != dim:
-        raise ValueError(f"{name}: points have shape {own.shape}, (k, {dim}) is needed")
-    return own

@@ -18,7 +18,7 @@ import numpy as np
 
 from calibench.core.options import Range
 from calibench.problems.base import Array, frozen, line_of, registry, table_of
-from calibench.problems.compiled_problem import vector, vectors
+from calibench.problems.compiled_problem import vector_of, vectors_of
 
 
 class Counted(Protocol):
@@ -63,14 +63,14 @@ class BlackBox:
 
     def __call__(self, x: Array) -> float:
         """Return the value of the candidate x, shape (dim,): one call of the library."""
-        point = vector(self.name, x, len(self.lower))
+        point = vector_of(self, x)
         function, lock = self._here()
         with lock:
             return float(function(point))
 
     def batch(self, points: Array) -> Array:
         """Return the values, shape (k,), of candidates of shape (k, dim): a call each."""
-        return np.array([self(x) for x in vectors(self.name, points, len(self.lower))], dtype=float)
+        return np.array([self(x) for x in vectors_of(self, points)], dtype=float)
 
     @property
     def evaluations(self) -> int:

@@ -19,7 +19,7 @@ from typing import Any, ClassVar, Literal, final
 import numpy as np
 
 from calibench.problems.base import Array, Parameter, frozen, line_of, registry, table_of
-from calibench.problems.compiled_problem import itself, vector, vectors
+from calibench.problems.compiled_problem import itself, vector_of, vectors_of
 from calibench.problems.suites.nist.models import MODELS
 
 Name = Literal[
@@ -73,7 +73,7 @@ class NistRegression:
 
     def residuals(self, x: Array) -> Array:
         """Return model minus reading, shape (m,); of a response that NIST fits as its logarithm, likewise."""
-        b = vector(self.name, x, len(self.parameters))
+        b = vector_of(self, x)
         with np.errstate(all="ignore"):  # far from the starts a model overflows: not finite is its value there
             r = MODELS[self.options["name"]].value(b, self.table.x) - self._response
         return np.where(np.abs(r) > _LARGEST, np.inf, r)  # what has no finite square is as bad, and warns nobody
@@ -85,7 +85,7 @@ class NistRegression:
 
     def batch(self, points: Array) -> Array:
         """Return the values, shape (k,), of candidates of shape (k, dim): the same bits as one call for each."""
-        return np.array([self(x) for x in vectors(self.name, points, len(self.parameters))], dtype=float)
+        return np.array([self(x) for x in vectors_of(self, points)], dtype=float)
 
     @cached_property
     def targets(self) -> tuple[float, ...]:
@@ -107,7 +107,7 @@ class NistRegression:
         }
 
     def _slopes(self, x: Array) -> Array:
-        b = vector(self.name, x, len(self.parameters))
+        b = vector_of(self, x)
         with np.errstate(all="ignore"):
             return MODELS[self.options["name"]].slopes(b, self.table.x)
 
