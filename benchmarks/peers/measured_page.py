@@ -10,11 +10,10 @@ import pandas as pd
 _UNITS = ((1e9, "s"), (1e6, "ms"), (1e3, "µs"), (1.0, "ns"))
 _HEAD = """# Peers, measured in one run
 
-`make bench` makes an environment for each peer, with the pinned versions of `benchmarks/peers/tools/`, and measures
-all tables of this page; the rows are kept in `results/benchmarks/peers/*.parquet`. The lines of a table take turns,
-round after round. Ratios are of CPU time, taken within a round, to the first line: median and quartiles, which a line
-that took one turn does not have. Times are CPU times of one evaluation (run, report), medians. Where the load is above
-the number of cores, ratios hold better than times. One section by itself, here the first:
+`make bench` makes an environment for each peer, with the pinned versions of `benchmarks/peers/tools/`, and keeps the
+rows in `results/benchmarks/peers/*.parquet`. Lines of a table take turns. Ratios are of CPU time
+within a round, to the first line: median and quartiles. Times are CPU times of one evaluation (run, report), medians.
+One section:
 
 ```text
 python -m benchmarks peers --only counting
@@ -22,29 +21,27 @@ python -m benchmarks peers --only counting
 """
 _ABOUT = {
     "counting": "The objective is the 12-parameter planar robot, compiled, the same object in every environment (COCO "
-    "counts its sphere, in C). Its time is taken away: calls with and without the counter take turns in one process, "
-    "and the lower deciles are subtracted. What a tool keeps differs: ours budget, best and trace; ioh's Analyzer and "
-    "COCO's observer a log on disk; MLflow a row of a data base. Of a compiled objective our gate calls the kernel "
-    "past the Python around it: that hides most of what it costs.",
+    "counts its sphere, in C). Its time is taken away: the lower deciles of calls with and without the counter are "
+    "subtracted. Ours keeps budget, best and trace; ioh's Analyzer and COCO's observer a log on disk; MLflow a row. "
+    "Of a compiled objective our gate calls the kernel past the Python around it, which hides its cost.",
     "optimisers": "The same objective. An evaluation is a candidate. Ours pass the gate: budget, best and trace "
     "included. Peers that take batches are given batches.",
     "quality": "What a search takes until its value is as low as the noise of the readings allows, on five "
     "[instances](instances.md) of the 12-parameter planar robot, at most 100 000 evaluations each; a Jacobian of ours "
-    "counts as 12. A search that ends by itself begins again at random, and the time on machines where the level was "
-    "not reached counts too. Peers' evaluations are counted in Python, some 1 µs a call or a batch.",
+    "counts as 12. A search that ends by itself begins again at random; all time counts. Peers are counted in Python, "
+    "1 µs a call.",
     "sweep": "A sphere in 5 dimensions, 60 evaluations a run; a search at random where the tool takes an optimiser of "
     "a user's own, else its own method. A fresh process, from its start to a printed table.",
     "plot": "The sphere again, from an installed environment to a figure on disk, a fresh process. The first time "
-    "ever, nothing is kept: compiled code, the list of fonts.",
+    "ever, no compiled code and no list of fonts is kept.",
     "report": "Each tool on 10 000 runs of its own data.",
     "calibration": "Least squares from the nominal parameters, 12 unknowns, 300 poses without noise: the note says "
     "what is left of the sum of squares.",
     "arm": "Least squares on positions of the tool, 300 poses without noise, from the nominal parameters. SciPy and "
-    "FIGAROH know where base and target stand; ours fits both, and leaves wild readings out. Our whole command "
-    "reads the files, fits four levels, each also to five parts of the poses, and draws 200 times for the intervals.",
+    "FIGAROH know where base and target stand; ours fits both, and leaves wild readings out.",
     "arms": "Three of the arms of [the gate](arm-rates.md), 120 noisy places (.03 mm) each: the base stands in the "
     "tracker's frame, the tool is known to 4 mm. The error is that of 300 fresh poses. Six files are odd beside the "
-    "chain: what gazebo, xacro and hands leave there. GTSAM gets the arm's kinematics from the user.",
+    "chain. GTSAM gets the arm's kinematics from the user.",
     "cameras": "One drawing. The board's pose has a noise of .3 mm and .1 degree on each axis (seed 44). "
     "The true error is that of the camera in the flange. "
     "Ours learns the noise, names wild pairs, leaves folds out and draws for intervals; "
@@ -62,16 +59,16 @@ def page(tables: Sequence[pd.DataFrame]) -> str:
     there = {str(rows["table"].iloc[0]) for rows in tables}
     if missing := [name for name in _ABOUT if name not in there]:
         parts.append(f"Not measured yet: {', '.join(missing)}.\n")
+    every = pd.concat([*tables])
+    whole = _when(every) if len(every[["date", "machine"]].drop_duplicates()) == 1 else None
+    parts += [] if whole is None else [f"All of it: {whole}\n"]
     for rows in tables:
         group = str(rows["table"].iloc[0])
-        first = rows.iloc[0]
         if group != seen:
             parts.append(f"## {group.capitalize()}\n\n{_ABOUT[group]}\n")
         seen = group
-        parts.append(
-            f"{first['date']}, {first['machine']}; load average {first['load_before']:.1f} before, "
-            f"{first['load_after']:.1f} after.\n"
-        )
+        if whole is None:
+            parts.append(f"{_when(rows)}\n")
         notes: set[str] = set()  # a note that stands below one table of a benchmark is not repeated below the next
         for title, lines in rows.groupby("benchmark", sort=False):
             parts.append(_table(str(title), lines, notes))
@@ -80,18 +77,23 @@ def page(tables: Sequence[pd.DataFrame]) -> str:
     return "\n".join(parts)
 
 
+def _when(rows: pd.DataFrame) -> str:
+    """Return when and where rows of one date were measured, and beside what load at most."""
+    first, load = rows.iloc[0], rows[["load_before", "load_after"]].to_numpy().max()
+    return f"{first['date']}, {first['machine']}; load average at most {load:.1f}."
+
+
 def _table(title: str, lines: pd.DataFrame, above: set[str]) -> str:
     """Return a heading and the table; notes that do not stand `above` are its last column, and enter those that do."""
     rows = lines.to_dict("records")
     notes = [_cell(row["error"] or row["note"]) for row in rows]
     fresh = ["" if f"{row['line']}: {note}" in above else note for row, note in zip(rows, notes, strict=True)]
     above.update(f"{row['line']}: {note}" for row, note in zip(rows, notes, strict=True))
-    cells = [["", "CPU", "ratio (quartiles)", "note"], ["---"] * 4]
-    cells += [[*_line(row), note] for row, note in zip(rows, fresh, strict=True)]
     shown = 4 if any(fresh) else 3
-    return "\n".join(
-        [f"### {title[0].upper()}{title[1:]}\n", *(f"| {' | '.join(line[:shown])} |" for line in cells), ""]
-    )
+    cells = [["", "CPU", "ratio (quartiles)", "note"]]
+    cells += [[*_line(row), note] for row, note in zip(rows, fresh, strict=True)]
+    head, *drawn = (f"| {' | '.join(line[:shown])} |" for line in cells)
+    return "\n".join([f"### {title[0].upper()}{title[1:]}\n", head, f"|{'---|' * shown}", *drawn, ""])
 
 
 def _line(row: dict[Any, Any]) -> list[str]:
@@ -99,7 +101,8 @@ def _line(row: dict[Any, Any]) -> list[str]:
         return [row["line"], "-", "-"]
     ratio = "-"
     if row["ratio"] == row["ratio"]:
-        spread = f" ({_short(row['ratio_q1'])} .. {_short(row['ratio_q3'])})" if row["rounds"] > 1 else ""
+        low, high = row["ratio_q1"], row["ratio_q3"]
+        spread = f" ({_short(low)} .. {_short(high)})" if low < high else ""
         ratio = f"{_short(row['ratio'])}{spread}"
     return [row["line"], told(row["cpu_ns"]), ratio]
 

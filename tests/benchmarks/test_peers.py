@@ -173,6 +173,7 @@ def test_our_arm_is_calibrated_to_rounding(tmp_path: Path, line: str) -> None:
 def test_every_peer_has_a_script_and_pins_what_it_wants() -> None:
     for name in environments.peers():
         assert (environments.TOOLS / f"{name}_peer.py").exists()
+        assert environments.wanted(environments.TOOLS / f"{name}.txt"), f"{name}: no package of its own"
         lines = (environments.TOOLS / f"{name}.txt").read_text().splitlines()
         assert all("==" in line for line in lines if not line.startswith("#")), name
 
