@@ -141,7 +141,7 @@ def history(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("--json", "--check"))
     folder, rest = _folder("history", words)
     given = read(HistoryWords, "history", rest)
-    results = Path(folder or "results")
+    results = Path(folder or given.results)
     asked = of.Asked(given.problem, given.optimizer, given.by, given.start, given.budget)
     if "--check" in flags:
         compared, base, newest = of.check(results, asked, given.tag)
@@ -209,7 +209,7 @@ def ui(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("--write",))
     folder, rest = _folder("ui", words)
     given = read(UiWords, "ui", rest)
-    results = Path(folder or "results")
+    results = Path(folder or given.results)
     if not results.is_dir():
         raise ValueError(f"ui: {results}: there is no such results folder")
     try:

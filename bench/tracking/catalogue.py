@@ -93,9 +93,8 @@ def catalogue(results: str | Path = "results", words: Sequence[str] = ()) -> lis
     """Return the entries below `results` that keep to all `words`, newest first.
 
     A word is ``COLUMN=VALUE`` or ``COLUMN!=VALUE``; VALUE has globs and commas between choices. ``since=`` and
-    ``until=`` take a day (2026-11-01), a time, or how long ago (7d, 12h, 2w), ``words=`` words
-    that stand anywhere in an entry or in the notes of its study. What is archived is left out unless a word is of
-    `archived`.
+    ``until=`` take a day (2026-11-01), a time, or how long ago (7d, 12h, 2w), ``words=`` words that stand anywhere in
+    an entry or in the notes of its study. What is archived is left out unless a word is of `archived`.
     """
     keep = _filters(words, Path(results))
     found = [entry for entry in entries(Path(results)) if all(each(entry) for each in keep)]

@@ -116,8 +116,8 @@ def determined(formulation: Formulation, nominal: Fit) -> tuple[Formulation, Fit
 
     Raises `DataError` where the data leave no equation to check the machine with.
     """
-    told: Mapping[str, Any] = getattr(getattr(formulation, "of_rows", None), "made_up", {})  # by a simulator itself
-    lacking = undetermined(nominal) or tuple(Undetermined(name, others) for name, others in told.items())
+    made_up: Mapping[str, Mapping[str, float]] = getattr(formulation, "made_up", {})
+    lacking = undetermined(nominal) or tuple(Undetermined(name, others) for name, others in made_up.items())
     rank = len(formulation.parameters) - len(lacking)
     # of each row as many as its noise changes independently
     equations = int(np.sum(np.linalg.matrix_rank(nominal.at.reading_slopes * nominal.at.sigma[:, None, :])))

@@ -201,7 +201,8 @@ class Predicted:
     calibrated. `instruments` tell of measured columns what `Sensor` says, `roles` what the machine is made of.
     `of_new` makes the columns of the fit from those of a file, for rows that are only predicted, each of them kept.
     `of_rows` returns `predict` and `slopes` for other rows, where these depend on which rows they are asked for;
-    `at_end` what a report says of them when the search is done.
+    `at_end` what a report says of them when the search is done. `made_up` are parameters that others make up for, where
+    errors of slopes hide it: name -> other -> its change for a unit of it.
     Rows with a cell that holds no number are left out. Raises `DataError` for a column that is missing, a name used
     twice, or a prediction of another shape.
     """
@@ -220,6 +221,7 @@ class Predicted:
     of_new: Callable[[MeasuredData], MeasuredData] | None = field(default=None, repr=False)
     of_rows: Callable[[MeasuredData], OfRows] | None = field(default=None, repr=False)
     at_end: Callable[[], tuple[Note, ...]] | None = field(default=None, repr=False)
+    made_up: Mapping[str, Mapping[str, float]] = field(default_factory=dict, repr=False)
     _checked: bool = field(default=False, repr=False)
     _given: Callable[[Quantities], Mapping[str, Array]] | None = field(default=None, repr=False)
     fixed: Mapping[str, float] = field(init=False, repr=False)

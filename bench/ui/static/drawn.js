@@ -2,15 +2,10 @@
 const redraws = [];
 prefersDark.addEventListener("change", () => { for (const draw of redraws) draw(); });
 
-// An axis for values, logarithmic with ends at whole powers of ten where none is negative: 0 is drawn below all others.
+// An axis for values: logarithmic where none is negative.
 function axisOf(values) {
-  const above = values.filter((v) => v > 0);
-  if (!above.length || values.some((v) => v < 0)) return { yLog: false, drawn: (y) => y };
-  const least = Math.max(1e-307, Math.min(...above) / 10);
-  const drawn = (y) => y.map((v) => (v === 0 ? least : v));
-  const power = (v, round) => Math.min(Number.MAX_VALUE, Math.max(1e-307, 10 ** round(Math.log10(v))));
-  const low = values.includes(0) ? least : Math.min(...above);
-  return { yLog: true, drawn, yRange: [power(low, (p) => Math.floor(p - 1e-9)), power(Math.max(...above), (p) => Math.ceil(p + 1e-9))] };
+  if (values.some((v) => v < 0) || !values.some((v) => v > 0)) return { yLog: false, drawn: (y) => y };
+  return { yLog: true, ...logarithmic(values) };
 }
 
 const curve = document.getElementById("curve");

@@ -182,6 +182,7 @@ class SimulatorMachine:
             measured=measured, inputs=inputs, held={p: limits[0] for p, limits in numbers.items() if not free[p]},
             unit="", instruments=sensors, roles=self._roles(data, local, names, free, clock, within), slopes=slopes,
             of_rows=of_rows, of_new=partial(_of_new, of_rows, clock, within), at_end=of_rows.remarks,
+            made_up=local.made_up,
         )  # fmt: skip
 
     def _declared(
@@ -285,10 +286,6 @@ class _OnRows:
             rows = np.array([self.numbers.get(int(n), -1) for n in data.row_numbers], dtype=np.intp)
             rows = np.where((rows >= 0) & (self.local.inputs[rows] == given).all(axis=1), rows, -1)
         return partial(self.local.predict, rows), partial(self.local.slopes_at, rows)
-
-    @property
-    def made_up(self) -> Mapping[str, Mapping[str, float]]:
-        return self.local.made_up
 
     def remarks(self) -> tuple[Note, ...]:
         known, local = self.local.caller, self.local

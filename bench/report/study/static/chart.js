@@ -118,6 +118,16 @@ function chart(place, told) {
   return draw;
 }
 
+// How values are drawn on a logarithmic axis, 0 below all others and none below 0, and its ends, whole powers of ten.
+function logarithmic(values) {
+  const least = Math.max(1e-307, Math.min(...values.filter((v) => v > 0)) / 10);
+  const drawn = (row) => row.map((v) => (v > 0 ? v : v === 0 ? least : null));
+  const seen = drawn(values).filter((v) => v != null);
+  const power = (v, round) => Math.min(Number.MAX_VALUE, Math.max(1e-307, 10 ** round(Math.log10(v))));
+  const span = seen.length ? [Math.min(...seen), Math.max(...seen)] : [0, 1];
+  return { drawn, yRange: [power(span[0], (p) => Math.floor(p - 1e-9)), power(span[1], (p) => Math.ceil(p + 1e-9))] };
+}
+
 // The first and the last of the values that are on an axis.
 function ends(values, log) {
   const seen = values.filter((v) => !log || v > 0);

@@ -63,20 +63,14 @@ function convergence(problem) {
   const log = state.y === "auto" ? about.scale === "log" : state.y === "log";
   const scale = state.each ? about.parameters : 1;
   const cells = shown("methods").map((method) => [method, cell(problem, method)]).filter(([, c]) => c !== undefined);
-  const seen = cells.flatMap(([, c]) => data.curves[c].flat()).filter((v) => v > 0);
-  const least = Math.max(1e-307, Math.min(...seen) / 10); // where a value of 0 is drawn on a logarithmic axis
-  const drawn = (row) => row.map((v) => (v == null ? null : log ? (v > 0 ? v : v === 0 ? least : null) : v));
+  const { drawn, yRange } = log ? logarithmic(cells.flatMap(([, c]) => data.curves[c].flat())) : { drawn: (row) => row };
   const most = Math.max(...cells.map(([, c]) => data.curves[c][0].length));
   const lines = cells.map(([method, c]) => {
     const [middle, low, high] = data.curves[c];
     return { method, y: drawn(middle), low: low && drawn(low), high: high && drawn(high), middle, from: low, to: high };
   });
-  const values = lines.flatMap((line) => [...line.y, ...(line.low || []), ...(line.high || [])]).filter((v) => v != null);
-  const spread = values.length ? [Math.min(...values), Math.max(...values)] : [0, 1];
-  const power = (v, round) => Math.min(Number.MAX_VALUE, Math.max(1e-307, 10 ** round(Math.log10(v))));
-  const range = log ? [power(spread[0], (p) => Math.floor(p - 1e-9)), power(spread[1], (p) => Math.ceil(p + 1e-9))] : undefined;
   return {
-    x: data.at.slice(0, most).map((v) => v / scale), xName: `charged ${evaluations()} [count]`, yName: about.axis, xLog: state.x === "log", yLog: log, yRange: range, lines,
+    x: data.at.slice(0, most).map((v) => v / scale), xName: `charged ${evaluations()} [count]`, yName: about.axis, xLog: state.x === "log", yLog: log, yRange, lines,
     label: `${about.title}: ${about.axis}, median and quartiles over runs`,
     told: (line, i) => `${text(line.middle[i])}${line.from ? ` (${text(line.from[i])} to ${text(line.to[i])})` : ""}`,
   };
