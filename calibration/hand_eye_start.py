@@ -5,7 +5,7 @@ after that. Handfuls of pairs are tried, against wild ones, and so are other ord
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 from typing import Literal, final
@@ -400,38 +400,30 @@ def start_of_pairs(
     }
     apart_by = {key: _misfit(*both) for key, both in tried.items()}
 
-    # poses that fit far better with one side inverted, or with rows out of step, in some meaning
+    # poses that fit far better with one side inverted or mirrored, or with rows out of step, in some meaning
     n, misfit = int(train.sum()), min(apart_by.values())
-    far = misfit / _TIMES
-    better = min(_misfit(arm, np.asarray(inverse(seen)), far) for arm, seen in tried.values())
-    if n > 3 and misfit > _TIMES * max(better, _ROUNDING):
-        more = plain(misfit / max(better, _ROUNDING), 2)
-        read = "camera_in_board" if pairs.read == "board_in_camera" else "board_in_camera"
-        flange = "flange_in_base" if pairs.flange.inverted else "base_in_flange"
-        other = "eye_to_hand" if mounting == "eye_in_hand" else "eye_in_hand"
-        raise DataError(
-            f"the poses fit {more} times better with one side inverted: the camera's columns are "
-            f"read={read}, or the camera is mounted hand_eye={other}, or the flange's columns hold the base in the "
-            f"flange: flange={flange}"
-        )
-    better = min(_misfit(arm, _MIRROR @ seen @ _MIRROR, far) for arm, seen in tried.values())
-    if n > 3 and misfit > _TIMES * max(better, _ROUNDING):
-        more = plain(misfit / max(better, _ROUNDING), 2)
-        raise DataError(
-            f"the poses fit {more} times better if the frames of flange or board are left-handed: an axis points the "
-            "other way, in places and rotations; write both in right-handed frames"
-        )
-    for lag, where in ((1, "below"), (-1, "above")) if n > 5 else ():
-        better = min(
-            _misfit(arm[max(-lag, 0) : n - max(lag, 0)], seen[max(lag, 0) : n - max(-lag, 0)], far)
-            for arm, seen in tried.values()
-        )
-        if misfit > _TIMES * max(better, _ROUNDING):
-            more = plain(misfit / max(better, _ROUNDING), 2)
-            raise DataError(
-                f"the poses fit {more} times better if the board's pose of each row stands in the row "
-                f"{where}: the rows of one of both are out of step by one"
-            )
+    read = "camera_in_board" if pairs.read == "board_in_camera" else "board_in_camera"
+    flange = "flange_in_base" if pairs.flange.inverted else "base_in_flange"
+    other = "eye_to_hand" if mounting == "eye_in_hand" else "eye_in_hand"
+    inverted = (
+        f"with one side inverted: the camera's columns are read={read}, or the camera is mounted hand_eye={other}, or "
+        f"the flange's columns hold the base in the flange: flange={flange}"
+    )
+    mirrored = (
+        "if the frames of flange or board are left-handed: an axis points the other way, in places and rotations; "
+        "write both in right-handed frames"
+    )
+    shifted = "if the board's pose of each row stands in the row {}: the rows of one of both are out of step by one"
+    changes: list[tuple[int, str, Callable[[Array, Array], tuple[Array, Array]]]] = [
+        (3, inverted, lambda arm, seen: (arm, np.asarray(inverse(seen)))),
+        (3, mirrored, lambda arm, seen: (arm, _MIRROR @ seen @ _MIRROR)),
+        (5, shifted.format("below"), lambda arm, seen: (arm[:-1], seen[1:])),
+        (5, shifted.format("above"), lambda arm, seen: (arm[1:], seen[:-1])),
+    ]
+    for _, how, change in (one for one in changes if n > one[0]):
+        better = max(min(_misfit(*change(*both), misfit / _TIMES) for both in tried.values()), _ROUNDING)
+        if misfit > _TIMES * better:
+            raise DataError(f"the poses fit {plain(misfit / better, 2)} times better {how}")
 
     flange, board, notes = _meaning(pairs, apart_by)
     if n > 5 and misfit > _MISTAKEN and pairs.time is None:
@@ -459,13 +451,13 @@ def _refuse_mistaken(pairs: Pairs, misfit: float, mounting: str, train: Mask, si
     of_both = zip(*(_mistakes(pairs, side, pose) for side, pose in poses.items())) if len(sides) == len(poses) else ()
     cures = []
     for cure in (*alone, *(dict(zip(poses, both)) for both in of_both)):
-        flange, board = (cure[side].pose if side in cure else pose for side, pose in poses.items())
+        flange, board = (cure[side][1] if side in cure else pose for side, pose in poses.items())
         left = min(
             _misfit(arm_poses(flange.poses(one), mounting)[train], board.poses(other)[train], misfit / _TIMES)
             for one, other in product(flange.meanings, board.meanings)
         )
-        named = {ours: name for one in cure.values() for ours, name in one.columns.items()}
-        words = " and ".join(one.words for one in cure.values()) + (f": {as_columns(named)}" if named else "")
+        named = {ours: name for *_, columns in cure.values() for ours, name in columns.items()}
+        words = " and ".join(words for words, *_ in cure.values()) + (f": {as_columns(named)}" if named else "")
         cures.append((max(left, _ROUNDING), words))
     best = min(left for left, _ in cures)
     if misfit > _TIMES * best:
@@ -473,39 +465,30 @@ def _refuse_mistaken(pairs: Pairs, misfit: float, mounting: str, train: Mask, si
         raise DataError(f"the poses fit {plain(misfit / best, 2)} times better if {ways}")
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _Mistake:
-    """A pose as it is without a mistake, which in words, and names of ours -> columns that cure it."""
-
-    words: str
-    pose: Pose
-    columns: Mapping[str, str] = field(default_factory=dict)
-
-
-def _mistakes(pairs: Pairs, side: str, pose: Pose) -> Iterator[_Mistake]:
+def _mistakes(pairs: Pairs, side: str, pose: Pose) -> Iterator[tuple[str, Pose, Mapping[str, str]]]:
+    """Yield mistakes in words, the pose as it is without each, and names of ours -> columns that cure it."""
     table, names = pairs.table, pose.columns
     read = {name: np.asarray(table.columns[name], dtype=float)[pairs.rows] for name in names}
     turned = (note for note in table.notes + pairs.notes if note.code is Code.UNIT_TURNED)
     stated = {name: str(note.values.get("stated", "mm")) for note in turned for name in note.columns}
 
-    def without(words: str, changed: Mapping[str, Array], columns: Mapping[str, str] | None = None) -> _Mistake:
+    def without(changed: Mapping[str, Array]) -> Pose:
         made = np.column_stack([changed.get(name, read[name]) for name in names])
         every = {k: v for k, v in meanings(made[:, 3:], "", {"rad": 1.0}).items() if k in pose.meanings}
         known = dict([*every.items()][:1]) if len(names) == 7 else every  # one mistake, and not the order as well
         scale = pairs.board_scale if side == "board" else 1.0
-        return _Mistake(words, replace(pose, place=scale * made[:, :3], meanings=known), columns or {})
+        return replace(pose, place=scale * made[:, :3], meanings=known)
 
     ours = dict(zip(names, ("x", "y", "z", *(("rx", "ry", "rz") if len(names) == 6 else ("qx", "qy", "qz", "qw")))))
     ours = {name: f"{side_of(name)[0] or side}_{axis}" for name, axis in ours.items()}
     for a, b in (*combinations(names[:3], 2), *combinations(names[3:], 2)):
-        yield without(f"{a} and {b} are exchanged", {a: read[b], b: read[a]}, {ours[a]: b, ours[b]: a})
+        yield f"{a} and {b} are exchanged", without({a: read[b], b: read[a]}), {ours[a]: b, ours[b]: a}
     for name in names:
-        yield without(f"{name} has the other sign", {name: -read[name]})
+        yield f"{name} has the other sign", without({name: -read[name]}), {}
     for name, unit in product(names[:3], UNITS):
         factor = UNITS[unit] / UNITS[stated.get(name, "mm")]
         if factor != 1:
-            yield without(f"{name} is in {unit}: {as_units([name], unit)}", {name: factor * read[name]})
+            yield f"{name} is in {unit}: {as_units([name], unit)}", without({name: factor * read[name]}), {}
 
 
 def arm_poses(flange: Array, mounting: str) -> Array:
@@ -570,22 +553,40 @@ def _rotations(arm: Array, seen: Array) -> tuple[Array, Array, float, Mask]:
     for i, j in product(range(3), range(3)):  # (U B)_ij - (A V)_ij, of U and V by rows
         rows[:, 3 * i + j, 3 * i : 3 * i + 3] = seen[:, :, j]
         rows[:, 3 * i + j, 9 + j : 18 : 3] = -arm[:, i, :]
-    best, near = _solved(rows.reshape(1, -1, 18)), np.ones(n, dtype=bool)
-    angles = _angles(arm, seen, best)[0]
+
+    def solve(near: Mask) -> tuple[Array, Array]:
+        both = _solved(rows[near].reshape(1, -1, 18))
+        return both, _angles(arm, seen, both)[0]
+
+    near = np.ones(n, dtype=bool)
+    best, angles = solve(near)
+    middle = float(np.median(angles))
     if n > 2 * _HANDFUL:
         tried = np.concatenate([best, _solved(rows[handfuls(n, n, *_DRAWN)].reshape(_HANDFULS, -1, 18))])
-        by_handful = _angles(arm, seen, tried)
-        k = int(np.argmin(np.quantile(by_handful, _NEAR_PART, axis=1)))
-        best, angles = tried[[k]], by_handful[k]
-        middle = float(np.quantile(angles, _NEAR_PART))
-        for _ in range(_SETTLE):
-            before, near = near, angles <= max(_FAR * middle, _ROUNDING)
-            best = _solved(rows[near].reshape(1, -1, 18))
-            angles = _angles(arm, seen, best)[0]
-            middle = float(np.median(angles[near]))
-            if np.array_equal(near, before):
-                break
-    return best[0, 0].T, best[0, 1], float(np.median(angles[near])), near
+        best, middle, near = _settled(solve, *_least(_angles(arm, seen, tried)))
+    return best[0, 0].T, best[0, 1], middle, near
+
+
+def _least(left: Array) -> tuple[Array, float]:
+    """Return what the best of some starts leaves of each pair, of what they all leave (k, n), and of a near pair."""
+    by_start = np.quantile(left, _NEAR_PART, axis=1)
+    best = int(np.argmin(by_start))
+    return left[best], float(by_start[best])
+
+
+def _settled(solve: Callable[[Mask], tuple[Array, Array]], left: Array, middle: float) -> tuple[Array, float, Mask]:
+    """Return the solution without far pairs, what the middle near one leaves, and those near, (n,).
+
+    `left` (n,) is what a start leaves of each pair, `middle` what it leaves of a near one.
+    """
+    near = np.ones(len(left), dtype=bool)
+    for _ in range(_SETTLE):
+        before, near = near, left <= max(_FAR * middle, _ROUNDING)
+        solved, left = solve(near)
+        middle = float(np.median(left[near]))
+        if np.array_equal(near, before):  # and so is all that follows from it
+            break
+    return solved, middle, near
 
 
 def _solved(rows: Array) -> Array:
@@ -658,22 +659,17 @@ def _by_handful(rows: Array) -> Array:
 def _nearest(rows: Array, wanted: Array, by_handful: Array) -> tuple[Array, float, Mask]:
     """Return the solution of `rows` (n, 3, k) without far pairs, what the middle near pair leaves, and those near."""
     n, k = len(rows), rows.shape[2]
-    near = np.ones(n, dtype=bool)
-    solved = np.linalg.lstsq(rows.reshape(-1, k), wanted.ravel(), rcond=1e-9)[0]
-    apart = np.linalg.norm(rows @ solved - wanted, axis=1)
+
+    def solve(near: Mask) -> tuple[Array, Array]:
+        solved = np.asarray(
+            np.linalg.lstsq(rows[near].reshape(-1, k), wanted[near].ravel(), rcond=1e-9)[0], dtype=float
+        )
+        return solved, np.asarray(np.linalg.norm(rows @ solved - wanted, axis=1))
+
+    solved, apart = solve(np.ones(n, dtype=bool))
     middle = float(np.median(apart))
     if n > 2 * _HANDFUL:
         tried = (by_handful @ wanted[handfuls(n, n, *_DRAWN)].reshape(_HANDFULS, -1, 1))[:, :, 0]
         tried = np.concatenate([solved[None], tried])
-        left = np.linalg.norm(np.einsum("nck,hk->hnc", rows, tried) - wanted, axis=2)
-        best = int(np.argmin(np.quantile(left, _NEAR_PART, axis=1)))
-        apart = left[best]
-        middle = float(np.quantile(apart, _NEAR_PART))
-    for _ in range(_SETTLE):
-        before, near = near, apart <= max(_FAR * middle, _ROUNDING)
-        solved = np.linalg.lstsq(rows[near].reshape(-1, k), wanted[near].ravel(), rcond=1e-9)[0]
-        apart = np.linalg.norm(rows @ solved - wanted, axis=1)
-        middle = float(np.median(apart[near]))
-        if np.array_equal(near, before):  # and so is all that follows from it
-            break
-    return np.asarray(solved, dtype=float), middle, near
+        apart, middle = _least(np.linalg.norm(np.einsum("nck,hk->hnc", rows, tried) - wanted, axis=2))
+    return _settled(solve, apart, middle)
