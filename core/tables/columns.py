@@ -117,28 +117,22 @@ class Declared:
             mend = f'; units={{"{column}": "UNIT"}} states it where the file cannot be changed' if self.machine else ""
             raise ValueError(f"{error}{mend}") from None
 
-    def read(
-        self, path: str | Path, where: str, bare: bool = False
-    ) -> tuple[Table, dict[str, float], dict[str, list[str]]]:
-        """Return the table in a file, the factor of each declared column to its unit, and the cells of each column.
+    def read(self, path: str | Path, where: str, bare: bool = False) -> Columns:
+        """Return the declared columns of a CSV file, which if `bare` may have no header; others are passed over.
 
-        Cells have no blanks around them, and are "" where a row ends before. Decimal commas become points where a
-        declared number has one, and commas do not part the cells. A `bare` file may hold the declared columns without a
-        header. Raises `ValueError`, which begins with `where`, for a file that cannot be read, another unit, a decimal
-        comma beside a point, and a column that is needed and not there.
+        Raises `ValueError`, which begins with `where`, for a column that is needed and not there, and as `columns_of`.
         """
+        known = [one.name for one in self.columns]
         try:
-            table, numbers = read_table(path, bare), tuple(self.units)
-            factors = {name: self.factor(name, table.units.get(name, unit))[1] for name, unit in self.units.items()}
-            named = [(k, name) for k, name in enumerate(table.names or numbers) if name]
-            cells = {name: [row[k].strip() if k < len(row) else "" for _, row in table.rows] for k, name in named}
-            if table.delimiter != "," and any("," in cell for name in numbers for cell in cells.get(name, ())):
-                cells = with_points(cells)
+            table = read_table(path, bare)
+            names = table.names or tuple(known)
+            if missing := [one.name for one in self.columns if one.needed and one.name not in names]:
+                raise DataError(f"no column {', '.join(missing)}; the header has {', '.join(names)}")
+            at = [k for k, name in enumerate(names) if name in known]
+            rows = tuple((line, tuple(row[k] if k < len(row) else "" for k in at)) for line, row in table.rows)
+            return in_base_units(columns_of(replace(table, names=tuple(names[k] for k in at), rows=rows), self), self)
         except (OSError, ValueError) as error:
             raise ValueError(f"{where}: cannot be read: {error}") from None
-        if missing := [one.name for one in self.columns if one.needed and one.name not in cells]:
-            raise ValueError(f"{where}: no column {', '.join(missing)}; the header has {', '.join(table.names)}")
-        return table, factors, cells
 
 
 ANY = Declared()

@@ -6,16 +6,15 @@ Measured are the paper's five sets (Table 1: six differences, Max minus Min; Tab
 user's own table. Experiment 3 is printed in both with values that cannot be one measurement: they are never mixed.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
 from calibench.core.options import suggest
-from calibench.core.tables.cells import number_of
 from calibench.core.tables.columns import Declared, Quantity
 from calibench.problems import constants
 from calibench.problems.base import Array
@@ -34,7 +33,6 @@ _PLAN = Declared(columns=(
     Quantity("payload_N", "N", "payload"), Quantity("repeat"),
 ))  # fmt: skip
 _READ = replace(_PLAN, columns=(*_PLAN.columns, Quantity("deviation", "mm", "the reading", needed=True)))
-_KNOWN = tuple(one.name for one in _READ.columns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,73 +190,58 @@ def read_table(path: str | Path, deviations: bool = True) -> tuple[Plan, Array]:
     axis the tool is moved along, with the end of the stroke if there is no level_mm: x (with a level), xmax, xmin, or
     max and min for the leg's own axis. A unit behind a name (``deviation [um]``) is turned into the column's own.
 
-    Raises `ValueError` with the file, the row and the column of a missing cell, a wrong word or a wrong unit.
+    Raises `ValueError` with the file, the reading and the column of a missing cell, a wrong word or a wrong unit.
     """
     where = f"{'readings' if deviations else 'plan'}={path}"
-    found, units, columns = (_READ if deviations else _PLAN).read(path, where)
-    plan, values = [], []
-    for k, (line, row) in enumerate(found.rows):
-        if not "".join(row).strip():
-            continue
-        cells = {name: column[k] for name, column in columns.items()}
-        label = f"{where}: row {line}"
-        for name in cells:
-            optional = name in ("level_mm", "against_mm") or (name == "deviation" and not deviations)
-            if name in _KNOWN and not cells[name] and not optional:
-                raise ValueError(f"{label}: the cell of {name} is missing; fill it in or leave the row out")
-        leg, posture = cells["leg"].lower(), cells["posture"].lower()
+    given = (_READ if deviations else _PLAN).read(path, where).columns
+    for name, column in given.items():
+        empty = column == "" if column.dtype.kind == "U" else ~np.isfinite(column)
+        if name not in ("level_mm", "against_mm") and empty.any():
+            label = f"{where}: reading {int(np.argmax(empty)) + 1}"
+            raise ValueError(f"{label}: the cell of {name} holds no value; fill it in or leave the row out")
+    n, strokes = len(given["leg"]), {"max": geometry().stroke_plus, "min": geometry().stroke_minus}
+    share, payload, repeat, values = (
+        given.get(name, np.full(n, usual)).astype(float).tolist()
+        for name, usual in (("gauge_position", 0.5), ("payload_N", 0.0), ("repeat", 0.0), ("deviation", 0.0))
+    )
+    levels, against = (given.get(name, np.full(n, np.nan)).tolist() for name in ("level_mm", "against_mm"))
+    approach = given.get("pass", np.full(n, "fwd")).tolist()
+    plan = []
+    for k, (leg, posture) in enumerate(zip(np.char.lower(given["leg"]), np.char.lower(given["posture"]), strict=True)):
+        label = f"{where}: reading {k + 1}"
         if leg not in AXES:
-            raise ValueError(f"{label}: leg={cells['leg']!r}: x, y or z is needed")
+            raise ValueError(f"{label}: leg={str(leg)!r}: x, y or z is needed")
         axis, end = (posture[0], posture[1:]) if posture[0] in AXES else (leg, posture)
-        strokes = {"max": geometry().stroke_plus, "min": geometry().stroke_minus}
         if end not in ("", *strokes):
             choices = [*AXES, "max", "min", *(axis + end for axis in AXES for end in strokes)]
-            raise ValueError(f"{label}: posture={cells['posture']!r}: {suggest(posture, choices)}")
-        level = _number(label, cells, "level_mm", strokes.get(end), units)
+            raise ValueError(f"{label}: posture={str(posture)!r}: {suggest(posture, choices)}")
+        level = levels[k] if np.isfinite(levels[k]) else strokes.get(end, np.nan)
+        if np.isnan(level):
+            raise ValueError(f"{label}: the cell of level_mm holds no value; fill it in or leave the row out")
         if end and level * strokes[end] <= 0:
-            raise ValueError(f"{label}: posture={cells['posture']} and level_mm={level:g} do not agree in sign")
-        share = _number(label, cells, "gauge_position", 0.5, units)
-        if not 0 <= share <= 1:
-            raise ValueError(f"{label}: gauge_position={share:g}: a share of the leg is needed, 0 (joint) .. 1 (tool)")
-        approach = cells.get("pass", "fwd")
-        if approach not in ("fwd", "rev"):
-            raise ValueError(f"{label}: pass={approach!r}: fwd or rev is needed")
-        against = _number(label, cells, "against_mm", 0.0, units)
-        payload = _number(label, cells, "payload_N", 0.0, units)
-        repeat = _number(label, cells, "repeat", 0.0, units)
-        if not repeat.is_integer():
-            raise ValueError(f"{label}: repeat={repeat:g}: a whole number is needed")
+            raise ValueError(f"{label}: posture={posture} and level_mm={level:g} do not agree in sign")
+        if not 0 <= share[k] <= 1:
+            raise ValueError(
+                f"{label}: gauge_position={share[k]:g}: a share of the leg is needed, 0 (joint) .. 1 (tool)"
+            )
+        if approach[k] not in ("fwd", "rev"):
+            raise ValueError(f"{label}: pass={approach[k]!r}: fwd or rev is needed")
+        if not repeat[k].is_integer():
+            raise ValueError(f"{label}: repeat={repeat[k]:g}: a whole number is needed")
         plan.append(Reading(
-            leg, cells["direction"].lower(), axis, level, gauge_position=share, against_mm=against,
-            approach="rev" if approach == "rev" else "fwd", payload_N=payload, repeat=int(repeat),
+            str(leg), str(given["direction"][k]).lower(), str(axis), float(level), gauge_position=share[k],
+            against_mm=float(np.nan_to_num(against[k])), approach=approach[k], payload_N=payload[k],
+            repeat=int(repeat[k]),
         ))  # fmt: skip
-        values.append(_number(label, cells, "deviation", None, units) if deviations else 0.0)
-    if not plan:
-        raise ValueError(f"{where}: there is no row below the header")
-    levels = np.array([abs(r.level_mm) for r in plan])
-    if levels.max() < 1.0:
-        raise ValueError(f"{where}: level_mm reaches {levels.max():g}: they look like metres, millimetres are needed")
+    largest = max(abs(r.level_mm) for r in plan)
+    if largest < 1.0:
+        raise ValueError(f"{where}: level_mm reaches {largest:g}: they look like metres, millimetres are needed")
     try:
         check_plan(plan)
         check_deviations(np.array(values), where)
     except ValueError as error:
         raise ValueError(str(error) if str(error).startswith(where) else f"{where}: {error}") from None
     return tuple(plan), np.array(values)
-
-
-def _number(label: str, cells: dict[str, Any], key: str, default: float | None, units: Mapping[str, float]) -> float:
-    """Return the number in a cell in the unit of its column, or the default where the cell or its column is empty."""
-    text = cells.get(key, "")
-    if not text:
-        if default is None:
-            raise ValueError(f"{label}: the cell of {key} is missing; fill it in or leave the row out")
-        return default
-    value = number_of(text)
-    if value is None:
-        raise ValueError(f"{label}: {key}={text!r}: a number is needed")
-    if not np.isfinite(value):
-        raise ValueError(f"{label}: {key}={text}: a finite number is needed")
-    return value * units.get(key, 1.0)
 
 
 def check_deviations(deviations: Array, what: str = "readings") -> None:

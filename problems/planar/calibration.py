@@ -13,7 +13,6 @@ from typing import Any, Literal, final
 import numpy as np
 
 from calibench.core.options import FilePath, suggest
-from calibench.core.tables.cells import number_of
 from calibench.core.tables.columns import Declared, Quantity
 from calibench.problems import instances
 from calibench.problems.base import Array, Number, Parameter, frozen, numbers_of, registry
@@ -24,7 +23,6 @@ from calibench.problems.planar.gpm2002 import NAMES, UNITS, Gauge, PlanName, Set
 
 _MOST_CONFIGURATIONS = 1_000_000  # one evaluation takes some 20 ms there, its Jacobian 300 MB
 _READ = Declared(columns=tuple(Quantity(f"enc_{i}", "rad", needed=True) for i in "123"))
-_COLUMNS = tuple(_READ.units)
 _OFFSETS = ("z1", "z2", "z3")
 _LENGTHS = ("la1", "la2", "la3", "lb1", "lb2", "lb3")
 
@@ -89,13 +87,8 @@ class PlanarFamily:
             raise ValueError(f"{self.name}.instance: draws a machine, but its readings are given; leave one out")
         is_file = isinstance(readings, str | Path)
         if isinstance(readings, str | Path):  # columns enc_1..3, or three columns without header
-            found, factors, cells = _READ.read(readings, f"readings={readings}", bare=True)
-            three = [[number_of(cell) for cell in cells[name]] for name in _COLUMNS]
-            table = np.array(list(zip(*three, strict=True)), dtype=float)
-            for (line, row), numbers in zip(found.rows, zip(*three, strict=True), strict=True):
-                if None in numbers:
-                    raise ValueError(f"readings={readings}: row {line} does not hold three numbers: {list(row)!r:.80}")
-            table = table * [*factors.values()] if table.size else np.empty((0, 0))
+            columns = _READ.read(readings, f"readings={readings}", bare=True).columns
+            table = np.column_stack([columns[name] for name in _READ.units]).astype(float)
         else:
             table = numbers_of(readings)
         if table.ndim != 2 or table.shape[1] != 3 or not len(table):

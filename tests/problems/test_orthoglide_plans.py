@@ -149,24 +149,24 @@ def test_six_differences_cannot_give_six_parameters(data):
 @pytest.mark.parametrize(
     ("column", "cell", "message"),
     [
-        (9, "", "row 4: the cell of deviation is missing; fill it in or leave the row out"),
-        (9, "nan", "row 4: deviation=nan: a finite number is needed"),
-        (9, "0,3", "row 4: deviation='0,3': a number is needed"),
-        (0, "", "row 4: the cell of leg is missing"),
-        (0, "w", "row 4: leg='w': x, y or z is needed"),
-        (2, "", "row 4: the cell of posture is missing"),
+        (9, "", "reading 3: the cell of deviation holds no value; fill it in or leave the row out"),
+        (9, "nan", "reading 3: the cell of deviation holds no value"),
+        (9, "0,3", "column deviation, reading 3: '0,3' is no number"),
+        (0, "", "reading 3: the cell of leg holds no value"),
+        (0, "w", "reading 3: leg='w': x, y or z is needed"),
+        (2, "", "reading 3: the cell of posture holds no value"),
         (1, "y", r"reading 3 .*: a gauge along its own leg y reads nothing"),
         (1, "up", "direction='up': x, y or z is needed"),
-        (3, "155", "row 4: gauge_position=155: a share of the leg is needed"),
+        (3, "155", "reading 3: gauge_position=155: a share of the leg is needed"),
         (3, "0.1", r"reading 3 .*: gauge_position=0.1 is off the leg at level_mm=-100 .*take a smaller level"),
-        (4, "", "row 4: the cell of level_mm is missing"),
+        (4, "", "reading 3: the cell of level_mm holds no value"),
         (4, "1e308", r"reading 3 .*: level_mm=1e\+308 is out of reach: -100 .. 60 mm"),
         (4, "80", r"reading 3 .*: level_mm=80 is out of reach: -100 .. 60 mm"),
         (4, "0", r"reading 3 .*: level_mm=0 is compared with itself"),
         (4, "60", r"reading 3 \(x_y\+\) is reading 1 again; number the two by repeat"),
-        (5, "back", "row 4: pass='back': fwd or rev is needed"),
-        (6, "heavy", "row 4: payload_N='heavy': a number is needed"),
-        (7, "1.5", "row 4: repeat=1.5: a whole number is needed"),
+        (5, "back", "reading 3: pass='back': fwd or rev is needed"),
+        (6, "heavy", "column payload_N, reading 3: 'heavy' is no number"),
+        (7, "1.5", "reading 3: repeat=1.5: a whole number is needed"),
     ],
 )
 def test_a_wrong_cell_is_named(tmp_path, rows, column, cell, message):
@@ -207,7 +207,7 @@ def test_files_that_are_none(tmp_path, rows):
     empty.write_text("")
     refused("cannot be read", lambda: make(readings=str(tmp_path / "no.csv")))
     refused("the file is empty", lambda: make(readings=str(empty)))
-    refused("no row below the header", lambda: make(readings=str(bare)))
+    refused("a header and no readings", lambda: make(readings=str(bare)))
     refused(
         "no column deviation; the header has leg, direction, posture",
         lambda: make(readings=str(write(bare, [r[:3] for r in rows], "leg,direction,posture"))),

@@ -255,18 +255,19 @@ def test_what_is_no_set_of_readings_is_refused_in_one_line(said, readings, optio
 
 @pytest.mark.parametrize(("said", "content"), [
     ("row 4 is not finite", lines(changed(3, 0, float("nan")), HEADER)),
-    ("row 1 does not hold three numbers", lines(READINGS[:, :2].tolist())),
-    *(("row 3 does not hold three", lines(changed(1, 2, f'"{cell}"'), HEADER)) for cell in ("n/a", "", "1,5")),
+    ("row 1 is not finite", lines(READINGS[:, :2].tolist())),
+    *(("row 2 is not finite", lines(changed(1, 2, f'"{cell}"'), HEADER)) for cell in ("n/a", "")),
+    ("column enc_3, reading 2: '1,5' is no number", lines(changed(1, 2, '"1,5"'), HEADER)),
     ("no column enc_1, enc_2; the header has theta_1", lines(READINGS.tolist(), "theta_1,theta_2,enc_3")),
     ("the file is empty", ""),
-    (r"\(n, 3\) is needed", f"{HEADER}\n"),
+    ("a header and no readings", f"{HEADER}\n"),
     ("cannot be read", b"\x89PNG\r\n\x1a\n\xff\xfe"),
     *(("column enc_[12]: unit '' cannot be turned into rad", lines(READINGS.tolist(), header))  # nor scales it others
       for header in ("enc_1 [deg],enc_2 [],enc_3 [deg]", "enc_1 [],enc_2 [],enc_3 []")),
     ("mine.csv", '1,2,3\n"a\nb",2,3\n'),
     ("mine.csv", '"a\nb",2,3\n'),
     ("mine.csv", "1" * 200_000),
-    ("row 4 ", "# taken on Monday\n\nenc_1,enc_2,enc_3\n1,2,x\n"),  # the line of the file
+    ("column enc_3, reading 1: 'x' is no number", "# taken on Monday\n\nenc_1,enc_2,enc_3\n1,2,x\n"),
 ])  # fmt: skip
 def test_what_is_no_file_of_readings_is_refused_in_one_line(tmp_path, said, content):
     path = tmp_path / "mine.csv"
