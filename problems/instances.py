@@ -8,9 +8,9 @@ that differs between two machines reaches the problem.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar, final
+from typing import Annotated, Any, Generic, TypeVar, final
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from calibench.core.seeds import seed_sequence
 from calibench.problems.base import Array
 
 T = TypeVar("T")
+M = TypeVar("M")
+P = TypeVar("P")
 Seed = Annotated[int, Range(0)]
 Sigma = Annotated[float, Range(0, unit="a standard deviation, mm")]
 Radians = Annotated[float, Range(0, 1, unit="a standard deviation, rad")]  # above 1 rad nothing is left of a reading
@@ -79,8 +81,9 @@ class Noise:
 @final
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Where each parameter truly is, and the box in which it is sought: arrays of shape (dim,)."""
+    """Where each parameter starts and truly is, and the box in which it is sought: arrays of shape (dim,)."""
 
+    start: Array
     truth: Array
     lower: Array
     upper: Array
@@ -110,8 +113,24 @@ class Box:
 
             truth = round(at + error, places)
             lower = round(truth - share * width, places)
-            rows.append((truth, lower, round(lower + width, places)))
+            rows.append((at, truth, lower, round(lower + width, places)))
         return Box(*np.array(rows).T)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Drawn(Generic[M, P]):
+    """What ``instance=K`` of a family draws: a machine and a plan as the family has them, box, noise.
+
+    It decides the family's `options`; `attempts` were drawn until one could be identified.
+    """
+
+    machine: M
+    box: Box
+    plan: P
+    noise: Noise
+    options: Mapping[str, Any]
+    attempts: int
 
 
 def refuse_drawn(family: str, instance: int, given: dict[str, Any], drawn: dict[str, Any]) -> None:

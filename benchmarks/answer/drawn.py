@@ -29,8 +29,8 @@ def drawn_table(of: Callable[[str], list[Any]] = instances) -> str:
 def _row(family: str, made: list[Any]) -> list[str]:
     found = [problems.identify(p) for p in made]
     drawn = [p.drawn for p in made]
-    sizes = sorted(len(p.deviations) if family == "orthoglide6" else p.drawn.plan.n for p in made)
-    kinds = {d.plan if family == "orthoglide6" else d.plan.kind for d in drawn}
+    sizes = sorted(len(d.plan) if family == "orthoglide6" else d.plan.n for d in drawn)
+    kinds = {d.options["plan"] for d in drawn}
     conditions = sorted(f.condition for f in found)
     tries = [d.attempts for d in drawn]
     (rank,) = {f.rank for f in found}

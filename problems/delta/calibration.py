@@ -110,18 +110,7 @@ def travels(points: Array, machine: Machine) -> Array:
     return np.asarray(machine.switch - points[:, 2:] - np.sqrt(machine.rod**2 - x**2 - y**2))
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class DeltaInstance:
-    """What ``instance=K`` of `delta9` draws; `attempts` were drawn until one could be identified."""
-
-    machine: Machine
-    box: instances.Box
-    plan: PlanName
-    places: Places
-    noise: instances.Noise
-    options: Mapping[str, Any]  # of the family, that it decides
-    attempts: int
+DeltaInstance = instances.Drawn[Machine, Places]
 
 
 @final
@@ -227,7 +216,10 @@ def delta9(**options: Any) -> DeltaProbing:
     chosen = registry.complete(_FAMILY, options)
     del chosen["instance"]
     machine, half = Machine(), np.array(_HALF)
-    at, box = places(chosen["plan"], machine.bed_radius), instances.Box(np.array(_TRUTH), -half, half)
+    at, box = (
+        places(chosen["plan"], machine.bed_radius),
+        instances.Box(np.zeros(len(half)), np.array(_TRUTH), -half, half),
+    )
     return _measured(chosen, machine, at, box, chosen)
 
 
@@ -238,7 +230,7 @@ def _drawn(given: tuple[tuple[str, Any], ...]) -> DeltaProbing:
     drawn = instances.first_that_fits(_FAMILY, instance, partial(_attempt, instance))
     instances.refuse_drawn(_FAMILY, instance, dict(given), dict(drawn.options))
     says = chosen | dict.fromkeys(drawn.options)
-    return _measured(says, drawn.machine, drawn.places, drawn.box, drawn.options, drawn)
+    return _measured(says, drawn.machine, drawn.plan, drawn.box, drawn.options, drawn)
 
 
 @cache
@@ -260,7 +252,7 @@ def _attempt(instance: int, attempt: int) -> DeltaInstance | None:
     some = Places(whole.first[kept], whole.second[kept], whole.between[kept])
     noise = instances.Noise.drawn(streams["noise"], 2e-3, 5e-2)  # mm
     options = {"plan": name, "sigma": noise.level, "seed": noise.data_seed}
-    drawn = DeltaInstance(machine, box, name, places=some, noise=noise, options=options, attempts=attempt + 1)
+    drawn = DeltaInstance(machine, box, some, noise, options, attempt + 1)
     problem = _measured({}, machine, some, box, options | {"sigma": 0.0}, drawn)
     if not np.isfinite(problem.measured).all():
         return None

@@ -25,22 +25,10 @@ from calibench.problems.orthoglide.plans import Plan, PlanName
 
 FreeName = Literal["full", "rho", "L"]
 _FAMILY = "orthoglide6"
+OrthoglideInstance = instances.Drawn[None, Plan]  # what is wrong with the machine is in the box
 _FREE = {"full": NAMES, "rho": NAMES[:3], "L": NAMES[3:]}
 _BOX = 10.0  # mm: the full set's answers go to 6 mm (its standard errors are 8), a single set's to 2
 _FINEST = 1e-4  # mm: the readings that an instance without noise is held to
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class OrthoglideInstance:
-    """What ``instance=K`` of `orthoglide6` draws; `attempts` were drawn until one could be identified."""
-
-    box: instances.Box
-    plan: PlanName
-    readings: Plan
-    noise: instances.Noise
-    options: Mapping[str, Any]  # of the family, that it decides
-    attempts: int
 
 
 @final
@@ -255,7 +243,7 @@ def _attempt(free: str, instance: int, attempt: int) -> OrthoglideInstance | Non
         return None
     noise = instances.Noise.drawn(streams["noise"], 1e-3, 2e-2)  # mm
     options = {"data": "synthetic", "plan": name, "sigma": noise.level, "seed": noise.data_seed}
-    drawn = OrthoglideInstance(box, name, readings, noise, options, attempts=attempt + 1)
+    drawn = OrthoglideInstance(None, box, readings, noise, options, attempt + 1)
     problem = _taken({"free": free, "model": "exact", **options, "sigma": 0.0}, drawn)
     if not np.isfinite(problem.deviations).all():
         return None
@@ -269,7 +257,7 @@ def _taken(chosen: dict[str, Any], drawn: OrthoglideInstance) -> Orthoglide:
     rows = zip(_FREE[chosen["free"]], *(side.tolist() for side in sides))
     parameters = tuple(Parameter(p, "mm", 0.0, *side) for p, *side in rows)
     says = chosen | dict.fromkeys(drawn.options)  # the instance says it all
-    silent = Orthoglide(says, parameters, drawn.readings, frozen(np.zeros(len(drawn.readings))), chosen["model"])
+    silent = Orthoglide(says, parameters, drawn.plan, frozen(np.zeros(len(drawn.plan))), chosen["model"])
     deviations = _read(silent, drawn.box.truth[place], chosen)
     return replace(silent, deviations=frozen(deviations), drawn=drawn)
 

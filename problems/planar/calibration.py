@@ -169,7 +169,7 @@ def _drawn(family: PlanarFamily, given: tuple[tuple[str, Any], ...]) -> Planar:
     drawn = instances.first_that_fits(name, instance, functools.partial(_attempt, name, case.free, rank, instance))
     paper = {"paper_section": 4} if "paper_section" in chosen else {}  # section 3 is another setting of the paper
     instances.refuse_drawn(name, instance, dict(given), {**drawn.options, **paper})
-    other = Case(case.free, drawn.setting, drawn.plan.n, case.gauge, case.default_start)
+    other = Case(case.free, drawn.machine, drawn.plan.n, case.gauge, case.default_start)
     problem = _simulate(name, other, {**chosen, **drawn.options}, drawn.plan.centre)
     says = dict(problem.options) | dict.fromkeys(drawn.options)  # the instance says it all
     return replace(problem, options=says, drawn=drawn)
@@ -192,7 +192,7 @@ def _attempt(
     noise = instances.Noise.drawn(streams["noise"], *gpm2002.NOISES)
     options: dict[str, Any] = {"plan": plan.kind, "radius": plan.radius, "n": plan.n}
     options |= {"noise": noise.level, "data_seed": noise.data_seed}
-    drawn = gpm2002.PlanarInstance(setting, plan, noise, options, attempt + 1)
+    drawn = gpm2002.PlanarInstance(setting, box, plan, noise, options, attempt + 1)
     points, _ = plan.points(noise.data_seed)
     if not (gpm2002.within_reach(actual, points) and gpm2002.within_reach(nominal, points)):
         return None

@@ -11,14 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, assert_never, final, get_args
+from typing import Literal, assert_never, final, get_args
 
 import numpy as np
 
 from calibench.core.options import suggest
 from calibench.problems import constants
 from calibench.problems.base import Array, frozen
-from calibench.problems.instances import Noise, Stream
+from calibench.problems.instances import Drawn, Stream
 
 # Functions of angles [rad] with the same bits on every processor, as simulated readings decide the id of a run: those
 # of the C library, number by number. NumPy's take other code where a processor has wider registers (AVX-512).
@@ -274,16 +274,7 @@ class DrawnPlan:
         return DrawnPlan(kind, radius, 3 * (n // 3) if kind == "grid" else n, frozen(centre))
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class PlanarInstance:
-    """What ``instance=K`` of a planar family draws; `attempts` were drawn until one could be identified."""
-
-    setting: Setting
-    plan: DrawnPlan
-    noise: Noise
-    options: Mapping[str, Any]  # of the family, that it decides
-    attempts: int
+PlanarInstance = Drawn[Setting, DrawnPlan]
 
 
 def nominal_machine(stream: Stream) -> Array:

@@ -25,6 +25,7 @@ from calibench.problems.planar.gpm2002 import PlanName, home, makers_machine
 
 _PAPER = "cong2008"
 _FAMILY = "tracking_zero"
+TrackingInstance = instances.Drawn[Array, gpm2002.DrawnPlan]
 _BOX = 15.0  # mm, "several millimeter error" (section 2.1) with room: Table 1's worst start is 11 mm off
 
 
@@ -198,25 +199,10 @@ def tracking_zero(
     return problem
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class TrackingInstance:
-    """What ``instance=K`` of `tracking_zero` draws; `attempts` were drawn until one could be identified."""
-
-    instance: int
-    machine: Array
-    start: Array
-    box: instances.Box
-    plan: gpm2002.DrawnPlan
-    noise: instances.Noise
-    options: Mapping[str, Any]  # of the family, that it decides
-    attempts: int
-
-
 @lru_cache(maxsize=256)  # a problem is a value, and drawing it takes a hundred times as long as a call
 def _made(instance: int) -> Tracking:
     drawn = instances.first_that_fits(_FAMILY, instance, partial(_attempt, instance))
-    return _tracked(drawn, drawn.noise.level)
+    return _tracked(instance, drawn, drawn.noise.level)
 
 
 @cache
@@ -231,21 +217,19 @@ def _attempt(instance: int, attempt: int) -> TrackingInstance | None:
     noise = instances.Noise.drawn(streams["noise"], *gpm2002.NOISES)
     options: dict[str, Any] = {"plan": plan.kind, "radius": plan.radius, "n": plan.n}
     options |= {"noise": noise.level, "data_seed": noise.data_seed}
-    drawn = TrackingInstance(
-        instance, machine, start, box=box, plan=plan, noise=noise, options=options, attempts=attempt + 1
-    )
+    drawn = TrackingInstance(machine, box, plan, noise, options, attempt + 1)
     if not gpm2002.within_reach(machine, plan.points(noise.data_seed)[0]):
         return None
-    return drawn if instances.can_be_identified(_tracked(drawn, 0.0), len(start), noise.level) else None
+    return drawn if instances.can_be_identified(_tracked(instance, drawn, 0.0), len(start), noise.level) else None
 
 
-def _tracked(drawn: TrackingInstance, noise: float) -> Tracking:
+def _tracked(instance: int, drawn: TrackingInstance, noise: float) -> Tracking:
     """Return the problem of a drawn machine, whose readings have errors of a standard deviation `noise`, rad."""
     plan, box = drawn.plan, drawn.box
     points, shake = plan.points(drawn.noise.data_seed)
-    sides = zip(("dx", "dy"), *(a.tolist() for a in (drawn.start, box.lower, box.upper, box.truth)))
+    sides = zip(("dx", "dy"), *(a.tolist() for a in (box.start, box.lower, box.upper, box.truth)))
     return Tracking(
-        options={"experiment": 1, "instance": drawn.instance, **dict.fromkeys(drawn.options)},
+        options={"experiment": 1, "instance": instance, **dict.fromkeys(drawn.options)},
         parameters=tuple(Parameter(name, "mm", *side) for name, *side in sides), points=frozen(points),
         reading_errors=frozen(noise * shake.standard_normal((len(points), 3))),
         zero_positions=frozen(drawn.machine[12:15]), start_misfit=frozen(np.zeros(3)), machine=drawn.machine,
