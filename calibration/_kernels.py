@@ -105,28 +105,22 @@ def jacobian(
 ) -> Array:  # fmt: skip
     """Return the derivative of `residuals`, shape (size, dim)."""
     full, seen = _whole(x, template, free), np.empty((stands.shape[0], 9 if oriented else 3, 1))
-    joints, n, alone = sliding.size, stands.shape[0], not (groups[:, 0] > POSE).any()
+    joints, n = sliding.size, stands.shape[0]
     link, ways, moved = np.empty((joints + 2, 12)), np.empty((joints + 2, 18)), np.empty(6 * free.size * WIDE)
     frames, places = np.empty((joints + 3) * 12 * WIDE), np.empty((joints + 2) * 3 * WIDE)
     links(full, fixed, align, link, ways, frames)
-    screws = np.empty((WIDE if alone else n, 6 if oriented else 3, free.size))
+    screws, which = np.empty((n, 6 if oriented else 3, free.size)), np.empty(WIDE, dtype=np.int64)
     result, mean, slid = np.empty((size, free.size)), np.zeros((sockets, 3)), np.zeros((sockets, 3, free.size))
-    which, count = np.empty(WIDE, dtype=np.int64), groups.shape[0] if alone else n
-    for first in range(0, count, WIDE):  # of readings of one posture each, a few screws stay in the nearest cache
+    for first in range(0, n, WIDE):
         for i in range(WIDE):
-            at = min(first + i, count - 1)
-            which[i] = groups[at, 1] if alone else at
-        live, to = min(WIDE, count - first), 0 if alone else first
+            which[i] = min(first + i, n - 1)
+        live = min(WIDE, n - first)
         screws_of(
-            which, full, free, sliding, stands, link, ways, frames, places, moved, seen, screws, to, live
+            which, full, free, sliding, stands, link, ways, frames, places, moved, seen, screws, first, live
         )  # fmt: skip
-        if alone:
-            for i in range(live):
-                slopes_of(seen, screws, i, first + i, groups, values, weight, mean, slid, limit, result)
-    if not alone:
-        means_of(seen, screws, groups, mean, slid)
-        for g in range(groups.shape[0]):
-            slopes_of(seen, screws, groups[g, 1], g, groups, values, weight, mean, slid, limit, result)
+    means_of(seen, screws, groups, mean, slid)
+    for g in range(groups.shape[0]):
+        slopes_of(seen, screws, g, groups, values, weight, mean, slid, limit, result)
     return result
 
 
@@ -318,7 +312,7 @@ def means_of(seen: Array, screws: Array, groups: Index, mean: Array, moved: Arra
 
 @part()
 def slopes_of(
-    seen: Array, screws: Array, at: int, g: int, groups: Index, values: Array, weight: Array, mean: Array,
+    seen: Array, screws: Array, g: int, groups: Index, values: Array, weight: Array, mean: Array,
     moved: Array, limit: float, result: Array,
 ) -> None:  # fmt: skip
     """Write the slopes of group g to `result`, (size, dim), from the `screws` of the targets, (n, 3 or 6, dim)."""
@@ -328,11 +322,11 @@ def slopes_of(
         w = weight[g, 0]
         for c in range(3):
             for d in range(dim):
-                result[row + c, d] = w * screws[at, c, d]
+                result[row + c, d] = w * screws[a, c, d]
         if kind == POSE:
             turned = np.empty(9)
             _rotation(seen, a, ALONE, turned)
-            _turn_slopes(turned, values[g, 3:], weight[g, 1], screws[at, 3:], result[row + 3 : row + 6])
+            _turn_slopes(turned, values[g, 3:], weight[g, 1], screws[a, 3:], result[row + 3 : row + 6])
     elif kind == SOCKET:
         for c in range(3):
             for d in range(dim):

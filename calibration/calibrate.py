@@ -319,20 +319,18 @@ def calibrate_arm(
     except DataError as error:
         raise arm.refusal(error, table, how) from None
 
-    choice = choose(
-        fits, WRITTEN if level == "auto" else (level,), fits[level if level in ("gains", "elastic") else "geometry"]
-    )
-    fits, judged, chosen = dict(choice.fits), dict(choice.unseen), choice.level
+    common = fits[level if level in ("gains", "elastic") else "geometry"]
+    chosen, fits, judged, count = choose(fits, WRITTEN if level == "auto" else (level,), common)
     fit, wild = fits[chosen], fits[chosen].wild
     poses = np.arange(len(model.joints)) if model.position is None else poses_of(model.joints)
     places, different = len(np.unique(model.place)), len(np.unique(poses_of(model.joints)))
-    folds = f"each left out once, in {choice.folds} groups"
+    folds = f"each left out once, in {count} groups"
     if readings.hold is not None:
         folds = f"the {int(readings.hold.sum())} rows that the file holds back"
     elif model.position is None and places > 1:
-        folds = f"each of {places} places left out once, in {choice.folds} groups"
+        folds = f"each of {places} places left out once, in {count} groups"
     elif len(first_of_each(readings)) < len(readings):
-        folds = f"each of {different} different ones left out once with its repeats, in {choice.folds} groups"
+        folds = f"each of {different} different ones left out once with its repeats, in {count} groups"
     if not train.all():  # a row that is held back is wild as a fitted one is, but beside those that are held back
         judged = {one: fitting.judge(model, np.where(train, -1, 0), [fits[one].p]) for one in tried}
         wild = np.zeros(len(train), dtype=bool)

@@ -26,20 +26,6 @@ _TINY = 1e-12  # of a column's square: two directions that neither readings nor 
 
 
 @final
-@dataclass(frozen=True)
-class Choice:
-    """The `fit` of each level by its best tolerance, its errors of poses left out, and the best level of all.
-
-    `unseen` of the best level has the errors of the whole choice, of levels too.
-    """
-
-    level: str
-    fits: Mapping[str, Fit]
-    unseen: Mapping[str, HeldOut]
-    folds: int
-
-
-@final
 @dataclass(frozen=True, eq=False)
 class _Candidate:
     """Parameters without each fold, (f, P), and squares (f, f): of fold h fitted without f and h at [f, h]."""
@@ -50,8 +36,14 @@ class _Candidate:
     squares: Array
 
 
-def choose(fits: Mapping[str, Fit], levels: Sequence[str], common: Fit) -> Choice:
-    """Return which of `levels` predicts poses best that were left out; `common` says what is wild, and the noise."""
+def choose(
+    fits: Mapping[str, Fit], levels: Sequence[str], common: Fit
+) -> tuple[str, dict[str, Fit], dict[str, HeldOut], int]:
+    """Return which of `levels` predicts poses best that were left out, and the number of folds; `common` says what is
+
+    wild, and the noise. Between them stand the fit of each level by its best tolerance, and its errors of poses left
+    out; those of the best level are of the whole choice, of levels too.
+    """
     fold = folds_of(common.model, FOLDS)
     candidates = [one for level, fit in fits.items() for one in _candidates(level, fit, common, fold)]
     of_level = {level: [one for one in candidates if one.level == level] for level in fits}
@@ -67,7 +59,7 @@ def choose(fits: Mapping[str, Fit], levels: Sequence[str], common: Fit) -> Choic
         judged = judge(written[one].model, fold, without)
         turned = None if judged.rotation is None else ahead * judged.rotation
         unseen[one] = replace(judged, position=ahead * judged.position, rotation=turned, alone=alone, shared=shared)
-    return Choice(level, written, unseen, int(fold.max()) + 1)
+    return level, written, unseen, int(fold.max()) + 1
 
 
 def _best(candidates: Sequence[_Candidate], without: int | None) -> _Candidate:

@@ -176,18 +176,11 @@ _SPARE = 3.0  # degrees of freedom: with fewer a scale is not told from noise
 _OTHER = 0.2  # a scale further from 1 is another camera or another board, and the frames are worth nothing
 
 
-@final
-@dataclass(frozen=True)
-class Scale:
-    """How many times as far as the frames say the board is seen, its standard error, and whether noise is unlikely."""
+def scale_of(adjustment: Adjustment, stated: tuple[float, float] = (0.0, 0.0)) -> tuple[float, float, bool]:
+    """Return how many times as far as it is the board is seen, with its standard error, and if noise hardly does that.
 
-    value: float
-    se: float
-    unlikely: bool
-
-
-def scale_of(adjustment: Adjustment, stated: tuple[float, float] = (0.0, 0.0)) -> Scale | None:
-    """Return the scale of the board's places, fitted beside the frames; None where too few pairs tell it."""
+    It is fitted beside the frames; NaN where too few pairs tell it.
+    """
     one = adjustment
     if "scale" not in one.free:
         free = (*one.free, "scale")
@@ -195,9 +188,9 @@ def scale_of(adjustment: Adjustment, stated: tuple[float, float] = (0.0, 0.0)) -
     slope = np.eye(12 + len(one.free))[[12 + one.free.index("scale")]]
     se, freedom = (float(value[0]) for value in errors_of(one, slope))
     if freedom < _SPARE:
-        return None
+        return nan, nan, False
     limit = max(se, 1e-9) * float(_student(1 - _CHANCE / 2, np.array(freedom)))
-    return Scale(one.scale, max(se, 1e-9), bool(abs(one.scale - 1) > limit))
+    return one.scale, max(se, 1e-9), bool(abs(one.scale - 1) > limit)
 
 
 LEAST = 3  # poses: two motions about different axes
@@ -312,20 +305,20 @@ def _calibrate(read: begin.Pairs, setup: begin.Setup) -> HandEye:
     apart, angles = (np.linalg.norm(one, axis=1) for one in (adjustment.position, adjustment.turned))
     rows, kept = [pairs.table.label(int(row)) for row in pairs.rows[train]], ~adjustment.wild
     worst_first = sorted(np.flatnonzero(adjustment.wild), key=lambda i: -apart[i])
-    scale = scale_of(adjustment, stated)
+    scale, scale_se, unlikely = scale_of(adjustment, stated)
     notes = []
-    if scale and scale.unlikely and not setup.free_scale:
-        cure = setup.board_scale / scale.value
-        size = f"{plain(100 * abs(1 / scale.value - 1), 2)} % {'smaller' if scale.value > 1 else 'larger'}"
+    if unlikely and not setup.free_scale:
+        cure = setup.board_scale / scale
+        size = f"{plain(100 * abs(1 / scale - 1), 2)} % {'smaller' if scale > 1 else 'larger'}"
         text = (
-            f"the camera sees the board {plain(scale.value, 5)} times as far as the robot's moves say (standard error "
-            f"{plain(scale.se, 2)}): the frames and their intervals are wrong. Measure the board: if its squares or "
+            f"the camera sees the board {plain(scale, 5)} times as far as the robot's moves say (standard error "
+            f"{plain(scale_se, 2)}): the frames and their intervals are wrong. Measure the board: if its squares or "
             f"markers are {size} than the camera was told, state board_scale={plain(cure, 5)}; if they are not, "
             "calibrate the camera's lens anew"
         )
-        if abs(scale.value - 1) > _OTHER:
+        if abs(scale - 1) > _OTHER:
             raise DataError(text)
-        notes.append(Note(Code.SCALE, text, values={"scale": scale.value, "se": scale.se, "board_scale": cure}))
+        notes.append(Note(Code.SCALE, text, values={"scale": scale, "se": scale_se, "board_scale": cure}))
     largest, axis, beside, across = _turned(begin.arm_poses(arm, setup.hand_eye)[train][kept])
     if min(largest, beside) < _FEW_TURNS:  # which turns would narrow the intervals
         degrees, others = (plain(float(np.rad2deg(angle)), 2) for angle in (largest, beside))
@@ -354,8 +347,7 @@ def _calibrate(read: begin.Pairs, setup: begin.Setup) -> HandEye:
         board=board, fitted=Residual(int(kept.sum()), rms(apart[kept]), rms(angles[kept])), unseen=unseen, how=how,
         sigma=adjustment.sigma[0], sigma_rotation=adjustment.sigma[1],
         learned=(not setup.sigma, not setup.sigma_rotation),
-        scale=scale.value if scale else nan, scale_se=scale.se if scale else nan,
-        free_scale=setup.free_scale, **_of_clock(adjustment), closed_forms=forms,
+        scale=scale, scale_se=scale_se, free_scale=setup.free_scale, **_of_clock(adjustment), closed_forms=forms,
         outliers=tuple(Outlier(rows[i], float(apart[i]), float(angles[i])) for i in worst_first),
         notes=once(notes),
     )  # fmt: skip

@@ -221,16 +221,11 @@ def _arrays(path: Path) -> dict[str, Any]:
                 raise ValueError(f"unpacks to more than {2 * LARGEST_OWN // MEGABYTE} MB; no more are read")
             arrays = {}
             for one in entries:
-                content = packed.read(one)
-                file = BytesIO(content)
-                version = np.lib.format.read_magic(file)
-                read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-                shape, by_column, kind = read(file)
-                if kind.kind not in "iuf":
-                    raise ValueError(f"an array holds {kind}, and numbers are read alone")
-                numbers = np.frombuffer(content[file.tell() :], dtype=kind)
-                numbers = numbers.reshape(shape, order="F" if by_column else "C")
-                arrays[one.filename.removesuffix(".npy")] = np.array(numbers, dtype=float)
+                with packed.open(one) as file:
+                    numbers = np.lib.format.read_array(file, allow_pickle=False)
+                if numbers.dtype.kind not in "iuf":
+                    raise ValueError(f"an array holds {numbers.dtype}, and numbers are read alone")
+                arrays[one.filename.removesuffix(".npy")] = np.asarray(numbers, dtype=float)
             return arrays
     except (zipfile.BadZipFile, zlib.error, RuntimeError, EOFError):
         raise ValueError("is no npz file of NumPy") from None

@@ -105,7 +105,7 @@ def _model(urdf: Path, folder: Path) -> ArmModel:
 def _written(model: ArmModel, order: Sequence[int]) -> Fit:
     """Return what `bench calibrate` writes of lengths and angles, with the tolerance that these places choose."""
     fit = fit_arm(model, order)
-    return choose({"geometry": fit}, ("geometry",), fit).fits["geometry"]
+    return choose({"geometry": fit}, ("geometry",), fit)[1]["geometry"]
 
 
 def _line(name: str, found: Places) -> str:

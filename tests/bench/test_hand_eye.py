@@ -356,10 +356,10 @@ def test_the_error_of_a_scale_is_that_of_many_cases():
     values, errors, told = [], [], []
     for seed in range(60):
         made = model(12, "eye_in_hand", (1.0, 0.002), seed)
-        found = scale_of(adjust(*made))
-        values.append(found.value)
-        errors.append(found.se)
-        told.append(found.unlikely)
+        value, error, unlikely = scale_of(adjust(*made))
+        values.append(value)
+        errors.append(error)
+        told.append(unlikely)
     assert np.std(values) == pytest.approx(np.mean(errors), rel=0.3)
     assert np.mean(values) == pytest.approx(1.0, abs=3 * np.mean(errors) / np.sqrt(60))
     assert sum(told) <= 1

@@ -82,13 +82,13 @@ def test_a_fold_by_sums_is_the_fit_without_it(fits) -> None:
 def test_what_is_told_of_a_fold_does_not_know_it(fits, monkeypatch) -> None:
     """Readings of one fold are spoilt: its own error grows, by a choice and a fit that never saw it."""
     some = fits(40)
-    clean = choose(some, ("geometry",), some["geometry"]).unseen["geometry"].position
+    clean = choose(some, ("geometry",), some["geometry"])[2]["geometry"].position
     fit = some["geometry"]
     fold = folds_of(fit.model, 20) == 3
     position = fit.model.position.copy()
     position[fold] += 0.05
     spoilt = {level: replace(one, model=replace(one.model, position=position)) for level, one in some.items()}
-    told = choose(spoilt, ("geometry",), spoilt["geometry"]).unseen["geometry"].position
+    told = choose(spoilt, ("geometry",), spoilt["geometry"])[2]["geometry"].position
     np.testing.assert_allclose(told[fold], np.linalg.norm(_errors(fit, clean, fold) - 0.05, axis=1), rtol=0.25)
 
 
@@ -100,8 +100,7 @@ def _errors(fit, clean, fold):
 
 def test_numbers_that_few_narrow_poses_do_not_tell_stay_within_the_tolerance(fits) -> None:
     some = fits(16, reach=0.15)
-    choice = choose(some, ("geometry",), some["geometry"])
-    fit = choice.fits["geometry"]
+    fit = choose(some, ("geometry",), some["geometry"])[1]["geometry"]
     assert fit.model.tolerance in TOLERANCES
     lengths = [k for k in fit.kept if fit.model.names[k][:2] in ("x_", "y_", "z_")]
     assert np.abs(fit.p[lengths]).max() < 3 * fit.model.tolerance
