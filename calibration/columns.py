@@ -87,7 +87,7 @@ TIMES = {"t_s", "t", "time", "timestamp", "stamp", "__time", "%time"}
 @final
 @dataclass(frozen=True)
 class Matched:
-    """The columns of a file by what they are; `figaroh`: called as FIGAROH calls them, whose unit is the metre.
+    """The columns of a file by what they are.
 
     `targets` has the places of all targets by name where a row holds several, `position` that of the first of them.
     `distance` has fixed points by name, "" where a column names them.
@@ -97,7 +97,6 @@ class Matched:
     position: Mapping[str, str]
     rotation: Mapping[str, str]
     other: Mapping[str, str]
-    figaroh: bool = False
     notes: tuple[Note, ...] = ()
     targets: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     distance: Mapping[str, str] = field(default_factory=dict)
@@ -132,7 +131,7 @@ def match_columns(
     used = set(by_joint.values())
     distance = {of: name for name in names if name not in used and (of := _far_from(name)) is not None}
     used |= {*distance.values(), *(name for name in names if name.lower() in STATED)}
-    targets, turns, figaroh = _measured_columns([name for name in names if name not in used], door)
+    targets, turns = _measured_columns([name for name in names if name not in used], door)
     unnamed = [name for name in names if name not in used and re.fullmatch(r"column_\d+", name)]
     if not targets and len(unnamed) in (3, 6, 7):  # of a file without a header beside one of joints
         targets = {"1": dict(zip(POSITION, unnamed, strict=False))}
@@ -159,7 +158,7 @@ def match_columns(
         if (ours := wanted.get(_plain(name))) is not None:
             other.setdefault(ours, name)
     return Matched(
-        joints=by_joint, position=position, rotation=turns, other=other, figaroh=figaroh, notes=notes,
+        joints=by_joint, position=position, rotation=turns, other=other, notes=notes,
         targets=targets if len(targets) > 1 else {}, distance=distance,
     )  # fmt: skip
 
@@ -299,8 +298,8 @@ def is_called_joint(name: str, others: Iterable[str]) -> bool:
     return by_words or re.sub(r"\d+", "#", _bare(name).lower()) in stems
 
 
-def _measured_columns(names: Sequence[str], door: _Door) -> tuple[dict[str, dict[str, str]], dict[str, str], bool]:
-    """Return the columns of each target's place by its name, of the first one's rotation, and if FIGAROH's they are."""
+def _measured_columns(names: Sequence[str], door: _Door) -> tuple[dict[str, dict[str, str]], dict[str, str]]:
+    """Return the columns of each target's place by its name, and of the first one's rotation."""
     groups: dict[tuple[str, str], dict[str, str]] = {}  # (before the axis, the number behind it) -> axis -> column
     for stem in _PLACES:  # numbered axes, such as xyz_1, xyz_2, xyz_3
         numbered = {name: re.fullmatch(rf"{stem}[\s_.\[(]*(\d)[\])]?", _bare(name).lower()) for name in names}
@@ -342,15 +341,14 @@ def _measured_columns(names: Sequence[str], door: _Door) -> tuple[dict[str, dict
             raise ValueError(
                 f"{listed_} are of places that are not whole; {door.column('x', 'NAME')}, and y and z alike"
             )
-        return ({"1": some[0]} if some else {}), {}, False
+        return ({"1": some[0]} if some else {}), {}
     group = next(iter(whole.values()))
     wanted = next((names for names in (QUATERNION, EULER) if all(axis in group for axis in names)), ())
     targets = {
         " ".join(filter(None, key)) or "1": {axis: group[axis] for axis in POSITION}
         for key, group in {**whole, **fixed}.items()
     }
-    figaroh = group["x"] == "x1" and TARGET not in names and (len(whole) == 1 or bool(wanted))
-    return targets, {axis: group[axis] for axis in wanted}, figaroh
+    return targets, {axis: group[axis] for axis in wanted}
 
 
 def _plain(name: str) -> str:

@@ -192,23 +192,21 @@ def folds_of(model: ArmModel, most: int) -> Index:
 
 def judge(model: ArmModel, fold: Index, by_fold: Sequence[Array]) -> HeldOut:
     """Return the errors of all poses, those of a fold by the parameters that are given for it; none of fold -1."""
-    position, turned = np.full((2, len(fold)), np.nan)
-    spans = [_put(p, model, np.asarray(fold == k), position, turned) for k, p in enumerate(by_fold)]
+    position, turned, spans = np.full(len(fold), np.nan), np.full(len(fold), np.nan), [np.zeros(0)]
+    for k, p in enumerate(by_fold):
+        there = np.asarray(fold == k)
+        part = model.at(there)
+        say = np.ones(len(part.joints))  # of each posture in the point of its socket: wild ones have none
+        for _ in range(3 if part.position is None else 0):
+            size = norms(part.errors(p, say))
+            say = np.where(size > _FAR * np.median(size[say > 0]), 0.0, 1.0)
+        way, angle = part.errors(p, say)
+        position[there] = norms((way, None))
+        if angle is not None:
+            turned[there] = np.sqrt((angle**2).sum(axis=1))
+        if part.position is None:
+            spans.append(part.spans(p, say))
     return HeldOut(position, None if model.turns is None else turned, np.concatenate(spans))
-
-
-def _put(p: Array, model: ArmModel, there: Mask, position: Array, turned: Array) -> Array:
-    """Write the errors of the poses that are `there` into `position` and `turned` (n,); return the spans of sockets."""
-    part = model.at(there)
-    say = np.ones(len(part.joints))  # of each posture in the point of its socket: wild ones have none
-    for _ in range(3 if part.position is None else 0):
-        size = norms(part.errors(p, say))
-        say = np.where(size > _FAR * np.median(size[say > 0]), 0.0, 1.0)
-    way, angle = part.errors(p, say)
-    position[there] = norms((way, None))
-    if angle is not None:
-        turned[there] = np.sqrt((angle**2).sum(axis=1))
-    return part.spans(p, say) if part.position is None else np.zeros(0)
 
 
 def resample(fit: Fit, count: int) -> Array:

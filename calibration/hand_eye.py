@@ -289,7 +289,10 @@ def _calibrate(read: begin.Pairs, setup: begin.Setup) -> HandEye:
     check_poses(named[train], stands_of(named[train]), all(stated))
     start = begin.start_of_pairs(pairs, setup.hand_eye, train, free_scale=setup.free_scale)
     arm, seen, mount, tool, near, remarks = start
-    track = begin.track_of(read, pairs.time, arm, setup.hand_eye, offset)
+    track = None
+    if pairs.time is not None:  # in the meaning that has the arm's poses
+        at, tracks = pairs.time - offset, [begin.track_of(read, meaning) for meaning in read.flange.meanings]
+        track = min(tracks, key=lambda one: float(np.abs(begin.arm_poses(one.at(at), setup.hand_eye) - arm).max()))
     sight = Sight(arm, seen, pairs.time, track, setup.hand_eye == "eye_in_hand")
     free = (("offset",) if track else ()) + (("scale",) if setup.free_scale else ())
     adjustment = adjust(sight.at(train), mount, tool, stated, near=near, free=free, offset=offset)
@@ -342,25 +345,21 @@ def _calibrate(read: begin.Pairs, setup: begin.Setup) -> HandEye:
     if poses < _FEW:
         text = f"{counted(poses, 'different pose')} are few, and wide intervals say so: 15 or more are usual"
         notes.append(Note(Code.FEW_POSES, text, values={"poses": poses}))
+    clock: dict[str, Any] = {}
+    if track:
+        slope = np.eye(12 + len(free))[[12 + free.index("offset")]]
+        se, half = (float(one[0]) for one in spread(adjustment, slope))
+        value = adjustment.offset
+        clock = {"offset": value, "offset_se": se, "offset_ci95": (value - half, value + half)}
     return HandEye(
         case=pairs.table.name, hand_eye=setup.hand_eye, read=pairs.read, pairs=len(pairs.rows), camera=camera,
         board=board, fitted=Residual(int(kept.sum()), rms(apart[kept]), rms(angles[kept])), unseen=unseen, how=how,
         sigma=adjustment.sigma[0], sigma_rotation=adjustment.sigma[1],
         learned=(not setup.sigma, not setup.sigma_rotation),
-        scale=scale, scale_se=scale_se, free_scale=setup.free_scale, **_of_clock(adjustment), closed_forms=forms,
+        scale=scale, scale_se=scale_se, free_scale=setup.free_scale, **clock, closed_forms=forms,
         outliers=tuple(Outlier(rows[i], float(apart[i]), float(angles[i])) for i in worst_first),
         notes=once(notes),
     )  # fmt: skip
-
-
-def _of_clock(adjustment: Adjustment) -> dict[str, Any]:
-    """Return the offset of the camera's clock [s] with its standard error and 95 % interval, where it was fitted."""
-    if "offset" not in adjustment.free:
-        return {}
-    slope = np.eye(12 + len(adjustment.free))[[12 + adjustment.free.index("offset")]]
-    se, half = (float(one[0]) for one in spread(adjustment, slope))
-    value = adjustment.offset
-    return {"offset": value, "offset_se": se, "offset_ci95": (value - half, value + half)}
 
 
 def _of_noise(adjustment: Adjustment) -> Iterator[Note]:

@@ -222,11 +222,11 @@ def in_step(pairs: Pairs, mounting: str) -> tuple[Pairs, float]:
     some = np.unique(np.linspace(0, len(pairs.time) - 1, _SOME).astype(int))
     best, chosen = np.inf, None
     for offset in np.arange(-_SEARCH, _SEARCH + _COARSE / 2, _COARSE):
-        inside = some[_track(pairs, next(iter(pairs.flange.meanings))).has(pairs.time[some] - offset)]
+        inside = some[track_of(pairs, next(iter(pairs.flange.meanings))).has(pairs.time[some] - offset)]
         if len(inside) < max(_FEW_SOME, len(some) // 2):
             continue
         for flange, board in product(pairs.flange.meanings, pairs.board.meanings):
-            moved = _track(pairs, flange).at(pairs.time[inside] - offset)
+            moved = track_of(pairs, flange).at(pairs.time[inside] - offset)
             misfit = _rotations(arm_poses(moved, mounting), pairs.board.poses(board)[inside])[2]
             if misfit < best:
                 best, chosen = misfit, float(offset)
@@ -235,9 +235,9 @@ def in_step(pairs: Pairs, mounting: str) -> tuple[Pairs, float]:
             "less than half of the camera's time stamps lie between those of the robot: are both clocks in one unit, "
             f"and within {plain(_SEARCH)} s of each other?"
         )
-    kept = _track(pairs, next(iter(pairs.flange.meanings))).has(pairs.time - chosen)
+    kept = track_of(pairs, next(iter(pairs.flange.meanings))).has(pairs.time - chosen)
     at = pairs.time[kept] - chosen
-    by_meaning = {name: _track(pairs, name).at(at) for name in pairs.flange.meanings}
+    by_meaning = {name: track_of(pairs, name).at(at) for name in pairs.flange.meanings}
     if pairs.flange.inverted:
         by_meaning = {name: np.asarray(inverse(poses)) for name, poses in by_meaning.items()}
     meaning = {name: poses[:, :3, :3] for name, poses in by_meaning.items()}
@@ -251,17 +251,10 @@ def in_step(pairs: Pairs, mounting: str) -> tuple[Pairs, float]:
     ), chosen  # fmt: skip
 
 
-def _track(pairs: Pairs, meaning: str) -> Track:
+def track_of(pairs: Pairs, meaning: str) -> Track:
+    """Return where the flange was by two streams, if its rotations have this `meaning`."""
     assert pairs.stamps is not None
     return Track(pairs.stamps, pairs.flange.poses(meaning))
-
-
-def track_of(read: Pairs, time: Array | None, arm: Array, mounting: str, offset: float) -> Track | None:
-    """Return the flange's track as `read`, in the meaning that has the `arm`'s poses at `time`; None without stamps."""
-    if time is None:
-        return None
-    tracks = [_track(read, meaning) for meaning in read.flange.meanings]
-    return min(tracks, key=lambda one: float(np.abs(arm_poses(one.at(time - offset), mounting) - arm).max()))
 
 
 def _in_base_units(table: Table, both: Mapping[str, Matched]) -> tuple[Table, tuple[Note, ...]]:
@@ -553,40 +546,22 @@ def _rotations(arm: Array, seen: Array) -> tuple[Array, Array, float, Mask]:
     for i, j in product(range(3), range(3)):  # (U B)_ij - (A V)_ij, of U and V by rows
         rows[:, 3 * i + j, 3 * i : 3 * i + 3] = seen[:, :, j]
         rows[:, 3 * i + j, 9 + j : 18 : 3] = -arm[:, i, :]
-
-    def solve(near: Mask) -> tuple[Array, Array]:
-        both = _solved(rows[near].reshape(1, -1, 18))
-        return both, _angles(arm, seen, both)[0]
-
-    near = np.ones(n, dtype=bool)
-    best, angles = solve(near)
-    middle = float(np.median(angles))
+    best, near = _solved(rows.reshape(1, -1, 18)), np.ones(n, dtype=bool)
+    angles = _angles(arm, seen, best)[0]
     if n > 2 * _HANDFUL:
         tried = np.concatenate([best, _solved(rows[handfuls(n, n, *_DRAWN)].reshape(_HANDFULS, -1, 18))])
-        best, middle, near = _settled(solve, *_least(_angles(arm, seen, tried)))
-    return best[0, 0].T, best[0, 1], middle, near
-
-
-def _least(left: Array) -> tuple[Array, float]:
-    """Return what the best of some starts leaves of each pair, of what they all leave (k, n), and of a near pair."""
-    by_start = np.quantile(left, _NEAR_PART, axis=1)
-    best = int(np.argmin(by_start))
-    return left[best], float(by_start[best])
-
-
-def _settled(solve: Callable[[Mask], tuple[Array, Array]], left: Array, middle: float) -> tuple[Array, float, Mask]:
-    """Return the solution without far pairs, what the middle near one leaves, and those near, (n,).
-
-    `left` (n,) is what a start leaves of each pair, `middle` what it leaves of a near one.
-    """
-    near = np.ones(len(left), dtype=bool)
-    for _ in range(_SETTLE):
-        before, near = near, left <= max(_FAR * middle, _ROUNDING)
-        solved, left = solve(near)
-        middle = float(np.median(left[near]))
-        if np.array_equal(near, before):  # and so is all that follows from it
-            break
-    return solved, middle, near
+        by_handful = _angles(arm, seen, tried)
+        k = int(np.argmin(np.quantile(by_handful, _NEAR_PART, axis=1)))
+        best, angles = tried[[k]], by_handful[k]
+        middle = float(np.quantile(angles, _NEAR_PART))
+        for _ in range(_SETTLE):
+            before, near = near, angles <= max(_FAR * middle, _ROUNDING)
+            best = _solved(rows[near].reshape(1, -1, 18))
+            angles = _angles(arm, seen, best)[0]
+            middle = float(np.median(angles[near]))
+            if np.array_equal(near, before):
+                break
+    return best[0, 0].T, best[0, 1], float(np.median(angles[near])), near
 
 
 def _solved(rows: Array) -> Array:
@@ -659,17 +634,22 @@ def _by_handful(rows: Array) -> Array:
 def _nearest(rows: Array, wanted: Array, by_handful: Array) -> tuple[Array, float, Mask]:
     """Return the solution of `rows` (n, 3, k) without far pairs, what the middle near pair leaves, and those near."""
     n, k = len(rows), rows.shape[2]
-
-    def solve(near: Mask) -> tuple[Array, Array]:
-        solved = np.asarray(
-            np.linalg.lstsq(rows[near].reshape(-1, k), wanted[near].ravel(), rcond=1e-9)[0], dtype=float
-        )
-        return solved, np.asarray(np.linalg.norm(rows @ solved - wanted, axis=1))
-
-    solved, apart = solve(np.ones(n, dtype=bool))
+    near = np.ones(n, dtype=bool)
+    solved = np.linalg.lstsq(rows.reshape(-1, k), wanted.ravel(), rcond=1e-9)[0]
+    apart = np.linalg.norm(rows @ solved - wanted, axis=1)
     middle = float(np.median(apart))
     if n > 2 * _HANDFUL:
         tried = (by_handful @ wanted[handfuls(n, n, *_DRAWN)].reshape(_HANDFULS, -1, 1))[:, :, 0]
         tried = np.concatenate([solved[None], tried])
-        apart, middle = _least(np.linalg.norm(np.einsum("nck,hk->hnc", rows, tried) - wanted, axis=2))
-    return _settled(solve, apart, middle)
+        left = np.linalg.norm(np.einsum("nck,hk->hnc", rows, tried) - wanted, axis=2)
+        best = int(np.argmin(np.quantile(left, _NEAR_PART, axis=1)))
+        apart = left[best]
+        middle = float(np.quantile(apart, _NEAR_PART))
+    for _ in range(_SETTLE):
+        before, near = near, apart <= max(_FAR * middle, _ROUNDING)
+        solved = np.linalg.lstsq(rows[near].reshape(-1, k), wanted[near].ravel(), rcond=1e-9)[0]
+        apart = np.linalg.norm(rows @ solved - wanted, axis=1)
+        middle = float(np.median(apart[near]))
+        if np.array_equal(near, before):  # and so is all that follows from it
+            break
+    return np.asarray(solved, dtype=float), middle, near

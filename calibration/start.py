@@ -105,10 +105,6 @@ def _start(readings: Readings, chain: Chain, rotation: str, limits: bool) -> Sta
     source = "mm" if set(columns.values()) == {"x", "y", "z"} else ""  # of the unit; "" for none
     if any(name in readings.table.units for name in columns.values()):
         source = "stated"
-    elif readings.matched.figaroh:
-        text, source = f"{', '.join(columns.values())}: FIGAROH's names, so metres", "m"
-        readings = replace(readings, position=1e3 * readings.position)
-        readings = readings.with_note(Code.UNIT_FOUND, text, columns.values(), unit="m")
     readings, poses, frames = slid(readings, chain)
     readings, frames = _in_mm(readings, frames, poses, chain, source, limits)
     readings = _within_limits(readings, chain, limits)
@@ -232,10 +228,8 @@ def _in_mm(
     if source and unit == "mm":
         return readings, frames
     if source:
-        size = UNITS[unit] * (1e3 if source == "m" else 1.0)
-        really = next((u for u, other in UNITS.items() if abs(size / other - 1) < NEAR), unit)
-        really = "mm" if source == "stated" and really == "um" else really  # metres were stated
-        taken = {"m": "metres, as FIGAROH's names say", "mm": "mm", "stated": "what the file states"}[source]
+        really = "mm" if source == "stated" and unit == "um" else unit  # metres were stated
+        taken = "mm" if source == "mm" else "what the file states"
         units = as_units(names.values(), really)
         text = f"{listed} are taken for {taken}, and fit the arm when they are {really}: {units}"
         raise DataError(text, Note(Code.POSITION_UNIT, text, tuple(names.values()), values={"unit": really}))
@@ -355,7 +349,7 @@ def _with_rotations(readings: Readings, frames: Frames, poses: Array, rotation: 
     assert readings.angles is not None
     columns = list(readings.matched.rotation.values())
     listed = ", ".join(columns)
-    stated = any(name in readings.table.units for name in columns) or readings.matched.figaroh
+    stated = any(name in readings.table.units for name in columns)
     large = float(np.abs(readings.angles).max()) > 2 * np.pi + 0.01
     units = {unit: ANGLES[unit] for unit in (("rad",) if stated else ("degrees",) if large else ANGLES)}
     tried = {

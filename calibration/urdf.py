@@ -376,9 +376,10 @@ def _scan(text: bytes, source: str) -> tuple[Element, dict[Element, tuple[int, i
             if not places and name != "robot":
                 raise UrdfError(f"{source}: no URDF, as it opens with <{shortened(name)}> and not with <robot>")
             if not match["end"]:
-                attributes = _attributes(rest, encoding)
-                if attributes is None:
+                if _ATTRIBUTE.sub(b"", rest).strip() not in (b"", b"/"):
                     raise _no_xml(source, text, at, f"<{shortened(name)}> has a word that is no attribute")
+                words = [(one.decode(encoding, "replace") for one in pair) for pair in _ATTRIBUTE.findall(rest)[::-1]]
+                attributes = {key: unescape(value[1:-1]) for key, value in words}  # the first of a name
                 places[tree.start(name, attributes)] = at, match.end()
                 open_tags.append(name)
             if match["end"] or rest.endswith(b"/"):
@@ -389,16 +390,6 @@ def _scan(text: bytes, source: str) -> tuple[Element, dict[Element, tuple[int, i
                     return tree.close(), places  # what follows the robot is none of it
         at = text.find(b"<", match.end())
     raise _no_xml(source, text, len(text), f"it ends inside <{open_tags[-1]}>" if open_tags else "no tag in it")
-
-
-def _attributes(rest: bytes, encoding: str) -> dict[str, str] | None:
-    """Return the attributes of a tag, the first of a name; None where a word is none."""
-    found: dict[str, str] = {}
-    at = 0
-    while match := _ATTRIBUTE.match(rest, at):
-        found.setdefault(match[1].decode(encoding, "replace"), unescape(match[2][1:-1].decode(encoding, "replace")))
-        at = match.end()
-    return found if rest[at:].strip() in (b"", b"/") else None
 
 
 def _no_xml(source: str, text: bytes, at: int, why: str) -> UrdfError:

@@ -113,10 +113,6 @@ class Tracking:
         result: Array = inner.kernels.offset_errors(inner.vector(x), *inner.constants[:2])
         return result
 
-    def offsets(self, x: Array) -> Array:
-        """Return the estimated sensor zero positions, shape (3,), rad: at `start` Table 1's initial estimation."""
-        return np.asarray(self.zero_positions + self.offset_errors(x))
-
     def with_reading_errors(self, errors: Array) -> Tracking:
         """Return the problem whose recorded readings are wrong by `errors`, shape (n, 3), rad (section 2.3)."""
         n = len(self.points)

@@ -430,7 +430,7 @@ def test_a_page_leaves_the_names_of_columns_and_files_as_they_are(here, calibrat
     q, seen, _ = measured(40)
     (here / "my.csv").write_text(table(q, seen / 1000, heads=("x1", "y1", "z1")))
     page = Path(calibrate("data=my.csv", page="true")["files"]["page"]).read_text()
-    assert ">x1, y1, z1: FIGAROH" in page
+    assert ">x1, y1, z1: no unit is stated; they fit the arm in m" in page
     assert "my: " in page
     assert "My: " not in page
 

@@ -42,7 +42,7 @@ def test_roll_pitch_and_yaw_are_read_as_rotations(arm, tmp_path):
 def test_the_names_of_figaroh_are_metres(arm, tmp_path):
     heads = ("x1", "y1", "z1", "phix1", "phiy1", "phiz1")
     found = formulated(arm, tmp_path, posed(heads, lambda turns: turns.as_euler("xyz"), places=1e-3))
-    assert "x1, y1, z1: FIGAROH's names, so metres" in map(str, found.data.notes)
+    assert "x1, y1, z1: no unit is stated; they fit the arm in m" in map(str, found.data.notes)
     assert np.ptp(found.data["x"]) > 500
     assert set(TURNED) <= set(found.readings)
 

@@ -38,7 +38,6 @@ def test_of_several_markers_the_first_is_read():
         [*JOINTS, *(f"{a}{k}" for k in (1, 2) for a in ("x", "y", "z", "phix", "phiy", "phiz"))], JOINTS
     )
     assert found.position == {"x": "x1", "y": "y1", "z": "z1"}
-    assert found.figaroh
 
 
 @pytest.mark.parametrize(
