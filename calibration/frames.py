@@ -48,9 +48,10 @@ def frames_of_positions(poses: Array, read: Array, scale: float = 0.0) -> Frames
     spread = float(np.median(np.sqrt(((read - middle) ** 2).sum(axis=1)))) or 1.0  # whatever wild readings are
     rows = equations(poses, (read - middle) / spread)
     wanted, near = poses[:, :3, 3], np.ones(n, dtype=bool)
-    solved = np.linalg.lstsq(rows.reshape(-1, 15), wanted.ravel(), rcond=1e-9)[0]
     if n > 2 * LEAST:
-        solved, near = _least_median(rows, wanted, solved)
+        solved, near = _least_median(rows, wanted)
+    else:
+        solved = np.linalg.lstsq(rows.reshape(-1, 15), wanted.ravel(), rcond=1e-9)[0]
     u, sizes, vt = np.linalg.svd(solved[:9].reshape(3, 3) / spread)
     mirrored = bool(np.linalg.det(u @ vt) < 0 and sizes[2] > 0.2 * sizes[1])
     turn = (u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt).T
@@ -128,17 +129,13 @@ def equations(poses: Array, read: Array) -> Array:
 _SHOWN = 3000  # poses
 
 
-def _least_median(rows: Array, wanted: Array, first: Numbers) -> tuple[Numbers, Numbers]:
+def _least_median(rows: Array, wanted: Array) -> tuple[Numbers, Numbers]:
     """Return the numbers that leave the least median, refined on the poses near to it, and which these are."""
     some = np.linspace(0, len(rows) - 1, min(len(rows), _SHOWN)).astype(np.int64)  # of many, as many show the median
     shown, there = rows[some], wanted[some]
     picks = handfuls(len(rows), len(some), _HANDFULS, _HANDFUL, 15)
-    best, least = first, np.inf
     tried = _solved(shown[picks].reshape(_HANDFULS, -1, 15), there[picks].reshape(_HANDFULS, -1, 1))[:, :, 0]
-    for part in np.array_split(tried, 1 + len(some) // 200):  # they fill no memory
-        medians = np.median(((shown @ part.T - there[:, :, None]) ** 2).sum(axis=1), axis=0)
-        if medians.min() < least:
-            best, least = part[np.argmin(medians)], float(medians.min())
+    best = tried[np.argmin(np.median(((shown @ tried.T - there[:, :, None]) ** 2).sum(axis=1), axis=0))]
     before, near = np.zeros(0, dtype=bool), np.ones(len(rows), dtype=bool)
     for _ in range(5):
         apart = np.sqrt(((rows @ best - wanted) ** 2).sum(axis=1))

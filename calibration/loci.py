@@ -133,21 +133,12 @@ class Loci:
         return off, across, slopes
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Placed:
-    """A start: `base` and `tool` (4, 4), loci with their fixtures at their places, and what is left, median [mm]."""
-
-    base: Array
-    tool: Array
-    loci: Loci
-    apart: float
-
-
 def place(
     poses: Array, read: Array, loci: Loci, frames: tuple[Array, Array] | None = None, followed: int = _KEPT
-) -> Placed:
-    """Return where base, target and fixtures are by nominal `poses` (n, 4, 4) and what was `read`, in mm.
+) -> tuple[Array, Array, Loci, float]:
+    """Return base and tool (4, 4), loci with fixtures at their places, and what is left, median [mm]: of a start by
+
+    nominal `poses` (n, 4, 4) and what was `read`, in mm.
 
     For a target on the tip each fixture and each axis is linear; three numbers are left, the target's, for which some
     starts are tried, and the best `followed`. `frames` are known base and tool. Raises `ValueError` for too few
@@ -161,7 +152,7 @@ def place(
     if frames is not None:
         there = (frames[0] @ poses @ frames[1])[:, :3, 3]
         made = _solve(there, read, loci, near, np.eye(4))
-        return Placed(*frames, made.loci, made.apart)
+        return *frames, made.loci, made.apart
 
     def at(target: Array) -> Array:
         return np.asarray(poses[:, :3, :3] @ target + poses[:, :3, 3])
@@ -185,7 +176,7 @@ def place(
     made = _solve(at(best), read, loci, near)
     tool = np.eye(4)
     tool[:3, 3] = best
-    return Placed(made.base, tool, made.loci, made.apart)
+    return made.base, tool, made.loci, made.apart
 
 
 class _Solved(NamedTuple):

@@ -19,7 +19,7 @@ from calibench.calibration.columns import POSITION, STATED
 from calibench.calibration.dh import FORMS, NUMBERS, DhRow, DhTable
 from calibench.calibration.frames import Frames
 from calibench.calibration.kinematics import Chain, ChainError, ChainJoint, forward, nominal
-from calibench.calibration.loci import Placed, place
+from calibench.calibration.loci import place
 from calibench.calibration.readings import TURNS, Readings, Table, columns_in_degrees, joints_beside, read_readings
 from calibench.calibration.rigid import Array, Index, quaternion, turn
 from calibench.core.notes import Code, DataError, Note
@@ -147,7 +147,7 @@ def _of_loci(readings: Readings, chain: Chain, limits: bool) -> Start:
 
     poses = forward(chain, nominal(chain), readings.joints)
     reach = _reach(poses)
-    found: list[tuple[float, str, Readings, Placed]] = []
+    found: list[tuple[float, str, Readings, Array, Array]] = []
     for unit in UNITS if open_ else ("mm",):
         axes = [scale(readings.matched.position[a], unit) if a in readings.matched.position else 1.0 for a in POSITION]
         far = scale(next(iter(readings.matched.distance.values()), ""), unit)
@@ -157,14 +157,14 @@ def _of_loci(readings: Readings, chain: Chain, limits: bool) -> Start:
             frame[:3, 3] *= scale(columns[-1], unit) if one.stated else 1.0
             fixtures.append(replace(one, frame=frame))
         scaled = replace(loci, length=loci.length * far, fixtures=tuple(fixtures))
-        placed = place(poses, read * axes, scaled, frames)
+        base, tool, placed, apart = place(poses, read * axes, scaled, frames)
         of_points = {name: scale(columns[-1], unit) for name in STATED if name in readings.other}
         other = {name: column * of_points.get(name, 1.0) for name, column in readings.other.items()}
-        meant = replace(readings, position=read * axes, loci=placed.loci, other=other)
-        found.append((placed.apart, unit, meant, placed))
-        if placed.apart < DOUBTFUL * reach:
+        meant = replace(readings, position=read * axes, loci=placed, other=other)
+        found.append((apart, unit, meant, base, tool))
+        if apart < DOUBTFUL * reach:
             break
-    apart, unit, readings, placed = min(found, key=lambda one: one[0])
+    apart, unit, readings, base, tool = min(found, key=lambda one: one[0])
     if apart > APART * reach:
         assert readings.position is not None
         assert readings.loci is not None
@@ -174,7 +174,7 @@ def _of_loci(readings: Readings, chain: Chain, limits: bool) -> Start:
     if open_:
         how = "no unit is stated; it fits" if len(open_) == 1 else "no unit is stated; they fit"
         readings = readings.with_note(Code.UNIT_FOUND, f"{', '.join(open_)}: {how} the arm in {unit}", open_, unit=unit)
-    return Start(readings, placed.base, placed.tool)
+    return Start(readings, base, tool)
 
 
 def slid(readings: Readings, chain: Chain) -> tuple[Readings, Array, Frames]:
@@ -296,7 +296,7 @@ def _apart(trial: "Trial", chain: Chain) -> tuple[float, bool]:
         _, far, most = apart_in_sockets(poses, readings.socket)
         return far, far < 0.5 * most
     if readings.loci is not None:
-        far = place(poses, readings.position, readings.loci, followed=1).apart
+        *_, far = place(poses, readings.position, readings.loci, followed=1)
         return far, far < 0.5 * APART * _reach(poses)
     frames = solve.frames_of_positions(poses, readings.position)
     return frames.apart, unit_of(frames) is not None and frames.apart < 0.5 * (APART * frames.reach)
