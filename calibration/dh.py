@@ -282,32 +282,22 @@ def text_of_dh(table: DhTable, comment: str = "", errors: Mapping[str, float] | 
     return "\n".join(lines) + "\n"
 
 
-@final
-@dataclass(frozen=True)
-class _Columns:
-    """Place and unit of each column by its name of ours, and what the headings say of the convention."""
-
-    at: Mapping[str, int]
-    units: Mapping[str, str]
-    form: Form | None
-
-
 def _read(table: Table, name: str, form: Form | None, option: str, notes: Sequence[str]) -> DhTable:
-    columns = _columns(table)
+    at, units, by_heads = _columns(table)
     stated = re.search(r"convention\s*[:=]\s*([A-Za-z]+)", table.comment)
-    form = form or (form_of(stated[1]) if stated else None) or columns.form
-    lost = [one for one in ("a", "alpha", "d") if one not in columns.at]
+    form = form or (form_of(stated[1]) if stated else None) or by_heads
+    lost = [one for one in ("a", "alpha", "d") if one not in at]
     if lost:
         there = ", ".join(name for name in table.names if name) or "no heading"
         raise ValueError(
             f"no column {' and no column '.join(lost)} among {there}; a table has a, alpha, d and theta (its constant "
             "part), a row a joint, with units such as a [mm] and alpha [deg]"
         )
-    for head, unit in columns.units.items():
+    for head, unit in units.items():
         wanted = "mm" if head in _LENGTHS else "rad" if head in _ANGLES else None
         if head in (*NUMBERS, "offset", "lower", "upper"):
-            factor_to_base(table.names[columns.at[head]], unit, wanted)
-    cells = [_Cells(row, columns, k, line, table.delimiter != ",") for k, (line, row) in enumerate(table.rows, 1)]
+            factor_to_base(table.names[at[head]], unit, wanted)
+    cells = [_Cells(row, at, units, k, line, table.delimiter != ",") for k, (line, row) in enumerate(table.rows, 1)]
     cells = [one for one in cells if any(one.text(number) for number in (*NUMBERS, "offset"))]
     if not cells:
         raise ValueError("holds a header and no rows; a row for each joint is needed")
@@ -321,8 +311,8 @@ def _read(table: Table, name: str, form: Form | None, option: str, notes: Sequen
             raise ValueError(f"{both}; give each a name of its own, or take one out")
     kinds = [one.kind() for one in cells]
     values = {n: [one.number(n, kind) for one, kind in zip(cells, kinds, strict=True)] for n in (*NUMBERS, "offset")}
-    angle, noted = _angles(values, columns, kinds)
-    length, noted_too = _lengths(values, columns, kinds)
+    angle, noted = _angles(values, at, units, kinds)
+    length, noted_too = _lengths(values, units, kinds)
     scale = {"rad": 1.0, "mm": 1.0, "deg": pi / 180, angle: factor_to_base("theta", angle, "rad")[1]}
     scale |= {length: factor_to_base("a", length, "mm")[1]}
     rows = []
@@ -350,7 +340,8 @@ def _read(table: Table, name: str, form: Form | None, option: str, notes: Sequen
     return made
 
 
-def _columns(table: Table) -> _Columns:
+def _columns(table: Table) -> tuple[dict[str, int], dict[str, str], Form | None]:
+    """Return place and unit of each column by its name of ours, and what the headings say of the convention."""
     at: dict[str, int] = {}
     units: dict[str, str] = {}
     before = behind = False
@@ -370,7 +361,7 @@ def _columns(table: Table) -> _Columns:
             units[ours] = unit
         if ours in ("a", "alpha") and index is not None:
             before, behind = before or bool(_BEFORE.search(index[0])), behind or not _BEFORE.search(index[0])
-    return _Columns(at, units, None if before == behind else "modified" if before else "standard")
+    return at, units, None if before == behind else "modified" if before else "standard"
 
 
 @final
@@ -389,13 +380,14 @@ class _Cells:
     """One row of the file: its cells, and row and line for messages."""
 
     row: tuple[str, ...]
-    columns: _Columns
+    at: Mapping[str, int]
+    units: Mapping[str, str]
     number_: int
     line: int
     comma: bool
 
     def text(self, name: str) -> str:
-        at = self.columns.at.get(name, len(self.row))
+        at = self.at.get(name, len(self.row))
         return self.row[at].strip().translate(_GREEK) if at < len(self.row) else ""
 
     def kind(self) -> RowKind:
@@ -412,7 +404,7 @@ class _Cells:
     def number(self, name: str, kind: RowKind | None = None) -> _Value:
         """Return the number of a cell; the joint's own variable stands for 0 where it moves."""
         text = self.text(name).lower()
-        unit = self.columns.units.get(name, "")
+        unit = self.units.get(name, "")
         if not text:
             return _Value(0.0, unit)
         rest, variable = text, False
@@ -441,7 +433,7 @@ class _Cells:
             raise ValueError(
                 f"row {self.number_} (line {self.line}): {side} is {text!r}; a number, or nothing, is needed"
             )
-        base, stated = "mm" if kind == "sliding" else "rad", value.unit or self.columns.units.get(side, "")
+        base, stated = "mm" if kind == "sliding" else "rad", value.unit or self.units.get(side, "")
         if stated and factor_to_base(side, stated)[0] != base:  # one heading for joints that turn and that slide
             stated = ""
         number = value.value * factor_to_base(side, stated or unit, base)[1]
@@ -476,10 +468,12 @@ def _open(
     return [v.value for v in every if not v.unit and v.value]
 
 
-def _angles(values: Mapping[str, list[_Value]], columns: _Columns, kinds: Sequence[RowKind]) -> tuple[str, list[str]]:
+def _angles(
+    values: Mapping[str, list[_Value]], at: Mapping[str, int], units: Mapping[str, str], kinds: Sequence[RowKind]
+) -> tuple[str, list[str]]:
     """Return the unit of angles, and a note where sizes tell it. Raises `ValueError` for what cannot be meant."""
     for name in _ANGLES:
-        unit = columns.units.get(name, "")
+        unit = units.get(name, "")
         sizes = [abs(v.value) for v in values[name] if v.unit == unit and v.value]
         if unit and factor_to_base(name, unit, "rad")[1] == 1.0 and max(sizes, default=0.0) > _TURN:
             raise ValueError(f"{name} is stated in rad and reaches {max(sizes):g}: degrees? then write {name} [deg]")
@@ -489,10 +483,10 @@ def _angles(values: Mapping[str, list[_Value]], columns: _Columns, kinds: Sequen
                 f"{name} is stated in deg, and {quarters[0]:.4f} is a quarter turn in rad: write {name} [rad]"
             )
     open_ = _open(values, _ANGLES, kinds, slide=False)
-    stated = next((columns.units[name] for name in _ANGLES if name in columns.units), "")
+    stated = next((units[name] for name in _ANGLES if name in units), "")
     if stated or not open_:
         return stated or "rad", []
-    names = ", ".join(n for n in (*_ANGLES, "offset") if n in columns.at and n not in columns.units)
+    names = ", ".join(n for n in (*_ANGLES, "offset") if n in at and n not in units)
     if max(map(abs, open_)) > _TURN:
         return "deg", [f"{names}: no unit is stated; numbers up to {max(map(abs, open_)):g} are degrees"]
     if all(map(_is_quarter, open_)):
@@ -506,10 +500,12 @@ def _is_quarter(value: float) -> bool:
     return turns > 0.5 and abs(turns - round(turns)) * pi / 2 < _QUARTER
 
 
-def _lengths(values: Mapping[str, list[_Value]], columns: _Columns, kinds: Sequence[RowKind]) -> tuple[str, list[str]]:
+def _lengths(
+    values: Mapping[str, list[_Value]], units: Mapping[str, str], kinds: Sequence[RowKind]
+) -> tuple[str, list[str]]:
     """Return the unit of lengths, and a note where sizes tell it. Raises `ValueError` for what cannot be meant."""
     every = [(n, v) for n in _LENGTHS for v in values[n]]
-    stated = next((columns.units[name] for name in _LENGTHS if name in columns.units), "")
+    stated = next((units[name] for name in _LENGTHS if name in units), "")
     known = sum(abs(v.value) * factor_to_base(n, v.unit, "mm")[1] for n, v in every if v.unit)
     if known > 1e3 * _LONG:
         raise ValueError(
@@ -520,7 +516,7 @@ def _lengths(values: Mapping[str, list[_Value]], columns: _Columns, kinds: Seque
         raise ValueError(f"its links are {known:.3g} mm long together: these look like m; write a [m] and d [m]")
     if stated or not open_:
         return stated or "mm", []
-    size, names = sum(map(abs, open_)), ", ".join(n for n in _LENGTHS if n not in columns.units)
+    size, names = sum(map(abs, open_)), ", ".join(n for n in _LENGTHS if n not in units)
     unit = "m" if size < _LONG else "mm"
     return unit, [f"{names}: no unit is stated; links of {size:g} together are {unit}"]
 
