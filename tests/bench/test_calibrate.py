@@ -347,7 +347,6 @@ def swapped_joints(q, seen):
         (lambda q, s: table(np.rad2deg(q), s), f"are they degrees? units={','.join(DEGREES)}"),
         (lambda q, s: table(np.rad2deg(0.05 * q), s), "the same for joints that turn little"),
         (lambda q, s: table(q, s / 1000), "are taken for mm, and fit the arm when they are m: units=x:m,y:m,z:m"),
-        (lambda q, s: table(q, s, ("x1", "y1", "z1")), "fit the arm when they are mm: units=x1:mm,y1:mm,z1:mm"),
         (
             exchanged,
             'as a left-handed frame only: an axis points the other way, or two are exchanged; columns=\'{"x":"y"',
@@ -423,6 +422,14 @@ def test_a_request_that_makes_no_sense_is_one_line(here, calibrate, words, said)
     assert said in told
     assert told.count("\n") == 1
     assert not (here / "results").exists()
+
+
+def test_places_without_a_unit_are_in_that_of_the_arm_under_any_name(here, calibrate):
+    q, seen, _ = measured(40)
+    (here / "my.csv").write_text(table(q, seen, ("x1", "y1", "z1")))
+    found = calibrate("data=my.csv")
+    assert found["after"]["rms"] < 0.08
+    assert "x1, y1, z1: no unit is stated; they fit the arm in mm" in [note["text"] for note in found["notes"]]
 
 
 @pytest.mark.slow
