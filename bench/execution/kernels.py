@@ -36,10 +36,12 @@ def load_kernels(specs: Iterable[Spec], fork: bool = True, compiling: Callable[[
     What was never compiled is first compiled in a process for each core, if this one may `fork`. What libraries set as
     they are loaded is put back. `compiling` is called whenever something is compiled, and not only loaded.
     """
+    # one of each cell: its runs share the options
+    cells = {(s.problem, id(s.problem_options), s.optimizer, id(s.optimizer_options)): s for s in specs}
     with kept(), heard(compiling):
         parts: dict[str, Part] = {}
         beside: dict[str, list[str]] = {}  # problem -> the optimisers that run on it
-        for spec in specs:
+        for spec in cells.values():
             problem, method = _parts_of(spec)
             parts[_word(problem)], parts[_word(method)] = problem, method
             beside.setdefault(_word(problem), []).append(_word(method))
