@@ -126,8 +126,11 @@ class DhArm:
         return (*names, *(f"tool_{one}" for one in kinematics.PLACEMENT))
 
     def corrected(self, p: Array) -> DhTable:
-        """Return the table with the errors of `p`, in the order of `names`, added to its numbers."""
-        by = dict(zip(self.names, p.tolist(), strict=True))
+        """Return the table with the errors of `p`, in the order of `names`, added to its numbers.
+
+        What a model has beside the table's numbers stands in `p` before the last six, those of the tool.
+        """
+        by = dict(zip(self.names[:-6], p.tolist(), strict=False))
         rows = []
         for row in self.table.rows:
             more = {one: getattr(row, one) + by.get(f"{one}_{row.name}", 0.0) for one in NUMBERS}

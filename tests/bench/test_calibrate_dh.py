@@ -152,6 +152,20 @@ def test_the_urdf_that_is_written_is_the_arm_of_the_table_that_is_written(bench)
     np.testing.assert_allclose(forward(chain, nominal(chain), q)[:, :3, 3] / 1000, wanted[:, :3, 3], atol=1e-8)
 
 
+def test_a_table_is_written_where_two_targets_were_read(bench):
+    q, seen, _ = measured("ur10", 40)
+    base = np.eye(4)
+    base[:3, :3], base[:3, 3] = turned(0, 0, BASE[1]), BASE[0]
+    arm = base @ reached(UR10, q, standard, HIDDEN["ur10"])
+    other = arm[:, :3, 3] + arm[:, :3, :3] @ (-0.05, 0.08, 0.02) + np.random.default_rng(5).normal(0, 3e-5, (40, 3))
+    heads = [*(f"axis_{k}" for k in range(1, 7)), *(f"{one}_{k} [m]" for k in (1, 2) for one in "xyz")]
+    np.savetxt("ur10.csv", np.column_stack([q, seen, other]), "%.9f", ",", header=",".join(heads), comments="")
+    found = bench(*words("ur10"))
+    assert found["after"]["rms"] < 0.09
+    assert {f"{one}_axis_{k + 1}" for one, k in HIDDEN["ur10"]} <= {one["parameter"] for one in found["changes"]}
+    assert numbers(written(found["files"]["dh"])[1])[0] == pytest.approx(UR10[1][0] + 8e-4, abs=2e-4)
+
+
 def test_a_true_arm_keeps_its_table(bench, monkeypatch):
     monkeypatch.setitem(HIDDEN, "craig", {})
     measured("craig", 40)
