@@ -446,13 +446,16 @@ def _notes(
     judged: Mapping[str, HeldOut], wild: Mask,
 ) -> Iterable[Note]:  # fmt: skip
     source = model.chain.source
-    count = int((wild & np.isfinite(judged[chosen].position)).sum())
+    count, again = int((wild & np.isfinite(judged[chosen].position)).sum()), _repeated(model, wild)
     if count:  # they may be no mishaps, but what is wrong with the arm
         with_them = fitting.rms(judged[chosen].position)
         subject, them, cure = "wild reading is", "it", "was it misread?"
         if count > 1:
             subject, them = f"{count} wild readings are", "them"
             cure = "were they misread, or do they lie at one range of a joint, whose error they are?"
+        if again:
+            cure = f"{again} repeat the place of another row to the last digit, as a code for no value does, or an "
+            cure += "instrument that keeps its last one: leave such cells empty"
         text = f"the {subject} in no error above, with {them} the error after is {plain(with_them, 3)} mm; {cure}"
         yield Note(Code.WILD_UNCOUNTED, text, values={"readings": count, "error_mm": with_them})
     if np.isfinite(without_gains):
@@ -500,16 +503,26 @@ def _notes(
                 "that help",
                 values={"inside_mm": inside, "outside_mm": outside, "joints": narrow},
             )
-    if wild.mean() > _MANY:
-        text = f"{int(wild.sum())} of {len(wild)} poses are wild, and that many have a cause: a target that was "
+    if wild.mean() > _MANY and not again:
+        text = f"{int(wild.sum())} of {len(wild)} readings are wild, and that many have a cause: a target that was "
         text += "loose, another arm position than was written down, or two tables mixed"
         yield Note(Code.MANY_WILD, text, values={"readings": int(wild.sum())})
     yield from _motions(fit, readings)
 
 
+def _repeated(model: ArmModel, wild: Mask) -> int:
+    """Return how many of the `wild` readings (n,) have the very place of another row; 0 where that is not half."""
+    if model.position is None:
+        return 0
+    _, row, count = np.unique(model.position, axis=0, return_inverse=True, return_counts=True)
+    again = int((count[row.ravel()] > 1)[wild].sum())
+    return again if 2 * again >= wild.sum() else 0
+
+
 def _motions(fit: Fit, readings: Readings) -> Iterable[Note]:
     """Yield a note where base, tracker, target or a joint moved so little that it was not seen before the fit."""
-    if motion := motion_of_wild(fit.model, fit.p, fit.kept, fit.wild):
+    repeated = _repeated(fit.model, fit.wild)
+    if not repeated and (motion := motion_of_wild(fit.model, fit.p, fit.kept, fit.wild)):
         first, last = (readings.label(int(motion.rows[k])) for k in (0, -1))
         text = f"the {len(motion.rows)} wild readings, {first} to {last}, fit the arm {plain(motion.off, 2)} mm off"
         yield Note(Code.STEP, f"{text}, {_as_if(motion)}", rows=(first, last), values={"off_mm": motion.off})

@@ -35,12 +35,14 @@ def unfolded(columns: Mapping[str, Any], matched: Matched, unit: str) -> tuple[d
 
     Places are in the columns of `matched.position`, in `unit` ("" if it is not known); `TARGET` names the targets.
     """
-    n, axes = len(next(iter(columns.values()))), [matched.position[axis] for axis in POSITION]
+    n, axes, empty = len(next(iter(columns.values()))), [matched.position[axis] for axis in POSITION], ""
     if matched.targets:
         names = list(matched.targets)
         groups = [np.column_stack([columns[c] for c in group.values()]) for group in matched.targets.values()]
         places, which = np.stack(groups, axis=1).astype(float), np.tile(np.arange(len(names)), (n, 1))
         seen = np.isfinite(places).all(axis=2)
+        if not seen.all():
+            empty = f"; {int((~seen).sum())} of their {seen.size} readings are empty"
         seen[~seen.any(axis=1), 0] = True  # a row without any reading is counted as one
         rows = np.nonzero(seen)[0]
         places, which = places[seen], which[seen]
@@ -82,7 +84,7 @@ def unfolded(columns: Mapping[str, Any], matched: Matched, unit: str) -> tuple[d
     made[TARGET] = np.array(names)[which[moves]]
     if (several := len(np.unique(which[moves]))) > 1:
         targets = [name for name, one in zip(names, still, strict=True) if not one]
-        text = f"{several} targets on the flange, each at a place of its own: {listed(targets, _FOLDS)}"
+        text = f"{several} targets on the flange, each at a place of its own: {listed(targets, _FOLDS)}{empty}"
         notes.append(Note(Code.TARGETS, text, values={"targets": targets}))
     else:
         del made[TARGET]

@@ -278,7 +278,7 @@ def test_a_third_of_the_poses_may_be_wild(here, calibrate, size):
     found = calibrate("data=my.csv")
     assert found["after"]["rms"] < 0.08  # it was 46 mm, of a fit to all
     assert len(found["wild"]) >= 18  # some of 5 mm are small
-    assert any("of 60 poses are wild" in note for note in texts(found))
+    assert any("of 60 readings are wild" in note for note in texts(found))
 
 
 def test_rows_that_the_file_holds_back_are_only_predicted(here, calibrate):

@@ -166,6 +166,18 @@ def test_a_table_is_written_where_two_targets_were_read(bench):
     assert numbers(written(found["files"]["dh"])[1])[0] == pytest.approx(UR10[1][0] + 8e-4, abs=2e-4)
 
 
+@pytest.mark.parametrize("code", ["-9999", "the last one"])
+def test_places_that_an_instrument_gives_without_a_target_are_told_as_such(bench, code):
+    measured("ur10", 60)
+    head, *rows = [line.split(",") for line in Path("ur10.csv").read_text().splitlines()]
+    for i in range(5, 59, 6):
+        rows[i][6:] = ["-9999"] * 3 if code == "-9999" else rows[i - 1][6:]
+    Path("ur10.csv").write_text("\n".join(map(",".join, [head, *rows])))
+    notes = {note["code"]: note["text"] for note in bench(*words("ur10"))["notes"]}
+    assert "9 repeat the place of another row to the last digit" in notes["wild_uncounted"]
+    assert not {"step", "many_wild"} & set(notes)  # nothing was moved
+
+
 def test_a_true_arm_keeps_its_table(bench, monkeypatch):
     monkeypatch.setitem(HIDDEN, "craig", {})
     measured("craig", 40)
