@@ -65,9 +65,10 @@ class Search:
 def notes_of(search: Search, given: Iterable[Note]) -> tuple[Note, ...]:
     """Return the notes of a finished search: those on the whole, those `given` by its data and fits, all others."""
     notes: list[Note] = []
-    formulation, parameters = search.base.model.formulation, search.final.model.formulation.parameters
-    ends = {p.name: float(search.final.x[k]) for k, p in enumerate(parameters)}
-    out, where = outside_bounds(parameters, ends)
+    formulation = search.base.model.formulation
+    at = search.final if search.findings else search.base  # smooth curves without a name may take a parameter's part
+    ends = {p.name: float(at.x[k]) for k, p in enumerate(at.model.formulation.parameters)}
+    out, where = outside_bounds(at.model.formulation.parameters, ends)
     if out:
         text = (
             f"{where}: the fit is free of bounds, and found the machine elsewhere than its owner "

@@ -6,6 +6,10 @@ other findings: one projection for each shuffle. The most that any place or targ
 the search has looked at all of them. Rows are alike that are of one pose, where poses were visited again, or else of a
 stretch of the joint's way: the side from which a joint comes goes with where it stands, and an error over its way must
 not count for play. The readings of a visit stay together. A walk of the zero, which has an order, passes.
+
+Beside a rest without a name a name of any column is asked (`along`): what is left often goes slowly with the time, as
+columns do, and two slow courses are alike by chance. There the columns are moved along the rows as a whole, around
+their ends, so that each keeps its own course.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,6 +41,7 @@ _REVISITED = 0.5  # part of the visits, from which on poses count as visited aga
 _NUMBERS = 3  # coefficients of an effect, up to which its whole family is shuffled
 _FULL = 1e-12  # of the square of a unit column
 _AT_ONCE = 10  # shuffles
+_MOVED = 0.1  # of the rows, by which columns are moved along them at least
 
 
 def order_of(effect: Effect, formulation: Formulation) -> tuple[str, tuple[str, ...]]:
@@ -52,37 +57,51 @@ def order_of(effect: Effect, formulation: Formulation) -> tuple[str, tuple[str, 
     return words[met[0]], tuple(name for name in effect.columns if name in data and name not in read)
 
 
-def shuffled(at: Fit, effect: Effect, beside: Effect, family: Sequence[Effect]) -> Shuffled | None:
+def shuffled(
+    at: Fit, effect: Effect, beside: Effect, family: Sequence[Effect], along: bool = False
+) -> Shuffled | None:  # fmt: skip
     """Return how much `effect` explains in the place of `beside`, with its order and with shuffled ones; or None.
 
     `at` is the fit with all findings, `beside` among them; `family` are the candidates with which `effect` competed.
-    None for an effect without an order, and where too few rows can change places.
+    None for an effect without an order, unless columns are to be moved `along` the rows, and where too few rows can
+    change places.
     """
     formulation = at.at.model.formulation
+    data, t, rng = formulation.data, thresholds(), np.random.default_rng(0)
     word, columns = order_of(effect, formulation)
-    if not columns:
-        return None
-    t, rng = thresholds(), np.random.default_rng(0)
-    visits, classes = _alike(effect, formulation)
-    sizes = np.bincount(classes)
-    if sizes[sizes > 1].sum() < _FEWEST:
-        return None
+    if columns:
+        visits, classes = _alike(effect, formulation)
+        sizes = np.bincount(classes)
+        if sizes[sizes > 1].sum() < _FEWEST:
+            return None
+        draws = _draws(visits, classes, rng)
+    else:
+        read = {*formulation.readings, *inputs_of(formulation)}
+        word, columns = "rows", tuple(name for name in effect.columns if name in data and name not in read)
+        if not along or not columns or has_free_period(effect):
+            return None
+        steps = np.linspace(_MOVED, 1 - _MOVED, t.shuffles) * len(data)
+        draws = (np.roll(np.arange(len(data)), int(step)) for step in rng.permutation(steps))
     on = score.projected_scores(at, without=(beside, *forms_of(beside, at.model.effects)))
     # whether what it changes in a row hangs on these columns alone, and the noise of rows on no other: then its changes
     # can be shuffled instead of the columns, and no row's whitening reads another row
-    data, rows = formulation.data, at.at.misclosure
+    rows = at.at.misclosure
     each = len(effect.coefficients) <= _NUMBERS and len(on.y) < t.drawn_rows
     each = each and at.at.whiten.band is None and formulation.decorrelate(rows) is rows
     if each:
-        source = next(_draws(visits, classes, np.random.default_rng(1)))
+        source = np.random.default_rng(1).permutation(len(data))
         zero = np.zeros(len(effect.coefficients))
         kept = effect.basis(at.at.recorded, data, zero)
         other = data.with_columns({name: np.asarray(data[name])[source] for name in columns})
         moved = effect.basis(at.at.recorded, other, zero)
         each = all(np.allclose(np.asarray(kept[name])[source], moved[name]) for name in kept)
-    rivals = [e for e in family if len(e.coefficients) <= _NUMBERS and order_of(e, formulation)[1]] if each else []
+
+    def alike(other: Effect) -> bool:
+        return other.columns == effect.columns if word == "rows" else bool(order_of(other, formulation)[1])
+
+    rivals = [e for e in family if len(e.coefficients) <= _NUMBERS and alike(e)] if each else []
     gains = _Sums(at, on, [effect, *rivals]).gains if each else partial(_gains_of_one, at, on, effect, columns)
-    sources = np.stack([np.arange(len(data)), *islice(_draws(visits, classes, rng), t.shuffles)])
+    sources = np.stack([np.arange(len(data)), *islice(draws, t.shuffles)])
     blocks = np.array_split(sources, range(1, len(sources), _AT_ONCE if each else 1))
     own, more, times = gains(blocks[0])[0, 0], 0, 0
     for found in (one for block in blocks[1:] for one in gains(block)):
@@ -190,8 +209,10 @@ def _gains_of_one(at: Fit, on: score.ProjectedScores, effect: Effect, columns: S
     return np.array([[on.gain(found.T, found.m) - penalty(effect, found.m, len(on.y)) if found.m else -np.inf]])
 
 
-def controls(at: Fit, sets: Sequence[Sequence[Effect]], candidates: Sequence[Effect]) -> list[Mapping[str, Shuffled]]:
-    """Return for each set, the first of which is in the fit, name -> the control of those that live on an order."""
+def controls(
+    at: Fit, sets: Sequence[Sequence[Effect]], candidates: Sequence[Effect], along: bool = False
+) -> list[Mapping[str, Shuffled]]:  # fmt: skip
+    """Return for each set, the first of which is in the fit, name -> the control (`shuffled`) of its effects."""
     taken = {name_of(own[0]) for own in sets}
     found: list[Mapping[str, Shuffled]] = []
     for own in sets:
@@ -199,7 +220,7 @@ def controls(at: Fit, sets: Sequence[Sequence[Effect]], candidates: Sequence[Eff
         told = {}
         for effect in own:
             family = [e for e in open_to if e.family == effect.family]
-            if (one := shuffled(at, effect, own[0], family)) is not None:
+            if (one := shuffled(at, effect, own[0], family, along)) is not None:
                 told[name_of(effect)] = one
         found.append(told)
     return found

@@ -66,7 +66,7 @@ def named_by_smooth(base: Fit, candidates: Sequence[Effect], terms: Sequence[Eff
         if not falls:
             firsts = [[e] for e in found.values()]
             told = (
-                control for one in (free, at) for control in controls(one, firsts, candidates)
+                control for one in (free, at) for control in controls(one, firsts, candidates, along=True)
             )  # beside the rest, and as told
             by_chance = {name for control in told for name, one in control.items() if one.p > t.shuffled_p}
             falls = [e for name, e in found.items() if name in by_chance]

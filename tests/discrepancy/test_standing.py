@@ -104,6 +104,28 @@ def test_the_control_loses_a_name_with_its_order_and_not_without(name: str, colu
         assert (control.p > 0.05) == loses
 
 
+@pytest.mark.parametrize("true", [True, False])
+def test_beside_a_slow_rest_a_slow_column_is_a_name_where_it_must_be_this_column(true: bool) -> None:
+    def wound(q: Columns, d: Columns) -> Columns:
+        return {"b": q["b"] + 1e-3 * d["warm"]} if true else {}
+
+    def waving(d: Columns, xyz: Array) -> Array:
+        turns = d["clock"] / np.ptp(d["clock"]) * 2 * np.pi
+        return np.asarray(xyz + 0.3 * np.stack([np.sin(f * turns + f) for f in (0.8, 1.1, 1.3)], axis=-1))
+
+    formulation = Arm().formulate(readings(6, wound, waving))
+    known = catalogue(formulation).candidates
+    warm = next(e for e in known if name_of(e) == "thermal_zero elbow")
+    plain = fit(Model(formulation), Noise())
+    at = fit_with(plain, [warm])
+    assert at.noise.gained(plain.cost, at.cost, at.degrees) > 30  # chance gains what names gain
+    family = [e for e in known if e.family == warm.family]
+    assert shuffled(at, warm, warm, family) is None  # it lives on no order
+    control = shuffled(at, warm, warm, family, along=True)
+    assert control is not None
+    assert (control.p <= 0.05) == true
+
+
 def test_a_shuffle_exchanges_whole_visits_of_one_class() -> None:
     visits = [np.array(rows) for rows in ([4, 5], [0, 1, 2], [3], [6, 7, 8, 9])]  # each in the order of reading
     kinds = np.array([1, 0, 0, 1])
