@@ -207,10 +207,14 @@ class Atom:
 @final
 @dataclass(frozen=True)
 class Term:
-    """A product of one or two shapes, in the quantity that it changes; a wave in it has two sizes."""
+    """A product of one or two shapes, in the quantity that it changes; a wave in it has two sizes.
+
+    `factor` is -1 for what is measured: there the term is what a reading has more than the model, and is taken off it.
+    """
 
     quantity: str
     atoms: tuple[Atom, ...]
+    factor: float = 1.0
 
     @cached_property
     def parts(self) -> tuple[tuple[Atom, ...], ...]:
@@ -232,7 +236,7 @@ class Term:
 
     def values(self, q: Quantities, data: MeasuredData, run: Run) -> Array:
         """Return the change of the quantity by a size of 1 of each part, (n, k)."""
-        return products(atom.values(q, data, run) for atom in self.atoms)
+        return self.factor * products(atom.values(q, data, run) for atom in self.atoms)
 
     def with_numbers(self, numbers: Mapping[int, float]) -> Term:
         """Return the term with other numbers inside its shapes, by the place of the shape."""
@@ -260,15 +264,16 @@ LETTERS = "abcdefgh"
 
 
 def formula_text(terms: tuple[Term, ...]) -> str:
-    """Return a formula with letters for its sizes: `enc_2 += a sin(2 enc_1) tau_2`."""
+    """Return a formula with letters for its sizes: `enc_2 += a sin(2 enc_1) tau_2`, or `z = model + a x y`."""
     letters, said = iter(LETTERS), []
     for quantity in dict.fromkeys(term.quantity for term in terms):
-        own = []
+        own, sign = [], "+="
         for term in terms:
             for part in term.parts:
                 if term.quantity == quantity:
+                    sign = "= model +" if term.factor < 0 else sign
                     own.append(" ".join([next(letters), *(atom.text() for atom in part)]))
-        said.append(f"{quantity} += {' + '.join(own)}")
+        said.append(f"{quantity} {sign} {' + '.join(own)}")
     return "; ".join(said)
 
 
@@ -355,7 +360,7 @@ def class_of(terms: Sequence[Term], units: Sequence[str], machine: str) -> str:
     for term in terms:
         for part in term.parts:
             shown = [atom.code(variables[columns.index(atom.column)]) for atom in part]
-            values.append((term.quantity, " * ".join(f"({one})" for one in shown)))
+            values.append((term.quantity, "-" * (term.factor < 0) + " * ".join(f"({one})" for one in shown)))
     rows = []
     for quantity in dict.fromkeys(name for name, _ in values):
         own = ", ".join(code if name == quantity else "0 * " + variables[0] for name, code in values)

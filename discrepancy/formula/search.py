@@ -21,6 +21,7 @@ from scipy.optimize import minimize
 
 from calibench.discrepancy.diagnostics.score import ProjectedScores, family_wise, projected_scores, signatures
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, products
+from calibench.discrepancy.effects.general.columns import measured_columns
 from calibench.discrepancy.fitting.fit import Fit, fit, orthonormal, predicted, reading_order, thinned
 from calibench.discrepancy.fitting.journal import kept_step
 from calibench.discrepancy.formula import grammar
@@ -311,6 +312,7 @@ class _Search:
             if name in at.slopes and np.any(at.slopes[name])
         }
         joints = {joint.reading for joint in roles.joints}
+        self.factor = dict.fromkeys(measured_columns(self.formulation), -1.0)
         self.outside = {s.column for s in self.formulation.sensors} - joints if joints else set()
         self.values: dict[Atom, Array] = {}
         tried = [a for _, every in self.columns.values() for a in every]
@@ -576,7 +578,11 @@ class _Search:
             own = self.own[quantity]
             for k in np.argsort(-T)[: 3 * most_tried]:
                 atoms = self.products[own[k]] if k < len(own) else self.waves[k - len(own)]
-                scored += [(float(T[k]), int(ranks[k]), Term(quantity, atoms))] if ranks[k] else []
+                scored += (
+                    [(float(T[k]), int(ranks[k]), Term(quantity, atoms, self.factor.get(quantity, 1.0)))]
+                    if ranks[k]
+                    else []
+                )
         scored.sort(key=lambda s: -self._step_worth(s[0], s[1], s[2], on))
         if not scored:
             return [], 1.0
@@ -610,12 +616,12 @@ class _Search:
         every = [self.columns[a.column][1] for a in term.atoms]
         places: list[Term] = []
         if len(every) == 1:
-            places = [Term(term.quantity, (a,)) for a in every[0]]
+            places = [replace(term, atoms=(a,)) for a in every[0]]
         else:  # all shapes of one column beside the best of the other, in turn
             fixed = list(term.atoms)
             for _ in range(2):
                 for k in range(2):
-                    tries = [Term(term.quantity, (a, fixed[1]) if k == 0 else (fixed[0], a)) for a in every[k]]
+                    tries = [replace(term, atoms=(a, fixed[1]) if k == 0 else (fixed[0], a)) for a in every[k]]
                     tries = sorted((t for t in tries if t.sizes <= 2), key=lambda t: t.sizes)
                     T, ranks, _ = self.scan(on, term.quantity, self._blocks_of(tries))
                     worths = [self._step_worth(float(t), int(r), one, on) if r else -np.inf

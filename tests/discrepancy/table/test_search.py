@@ -265,3 +265,19 @@ def test_a_parabola_about_a_centre_that_nobody_knows_is_named_and_a_line_is_none
     if centre is not None:
         square, line = found.coefficients
         assert abs(-line.value / (2 * square.value) * np.max(warm) - centre) < 1.0
+
+
+def test_a_formula_of_what_is_measured_has_its_own_sign():
+    rng = np.random.default_rng(8)
+    x, y = rng.uniform(-150, 150, (2, 200))
+    columns = {"x": x, "y": y, "z": 0.1 + 2.6e-6 * x * y + 0.005 * rng.standard_normal(200)}
+    machine = Table(measured="z", sigma=0.005)
+    report = discrepancy.explain(machine, MeasuredData(columns, "table", {}, "bed"))
+    formula = report.formula
+    assert formula.text.startswith("z = model + a x ")  # and y, or a play of y that is hardly less than y
+    assert formula.sizes[0].value == pytest.approx(2.6e-6, rel=0.05)
+    namespace = {}
+    exec(formula.to_effect().replace(").enter()", ")"), namespace)
+    [effect] = namespace["build"](machine.formulate(MeasuredData(columns, "table", {}, "bed")), "machine")
+    change = effect.shift({"z": columns["z"]}, MeasuredData(columns, "table", {}, "bed"), np.array([2.6e-6]))["z"]
+    np.testing.assert_allclose(change, -2.6e-6 * x * y, atol=0.01)  # taken off the reading
