@@ -138,8 +138,9 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
     if verdict in ("unknown", "partly"):
         refuse_mistaken(machine, data)
         after, formula = with_formula(selection.fit if findings else base, final, free, whole, seed)
-        if formula is not None:
+        if formula is not None:  # beside which names have other sizes
             final = after
+            findings = _sized(findings, selection, final)
             gap, lone = gap_of(base, final, unseen, suspects, rng)
             rows, kept = len(base.at.misclosure), len(thinned(base).at.misclosure)
             text = f"the formula was looked for on {kept} of {rows} rows, evenly spaced, and fitted to all of them"
@@ -154,8 +155,7 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
     if searching and findings and final is selection.fit:
         sized = _of_all_rows(final, base, whole.data.rows(split != "hold"))
     if sized is not None:
-        effects = {own[0].name: own[0].effect for own in selection.sets}
-        findings = tuple(with_sizes(f, effects[f.effect], sized) if f.effect in effects else f for f in findings)
+        findings = _sized(findings, selection, sized)
         final = fit_at(final.model, final.noise, sized.x, readings_of(final.at.model), True)
     doubt = reports.Doubt.UNCONFIRMED  # of a wave of fitted period, until another set confirms it
     waves = {f.effect for f in findings if FREE_PERIOD in (c.name for c in f.coefficients)}
@@ -199,6 +199,14 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
         fitted=reports.Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base), machine),
         seconds=time.process_time() - began,
     )  # fmt: skip
+
+
+def _sized(
+    findings: Sequence[reports.Finding], selection: stepwise.Selection, found: Fit
+) -> tuple[reports.Finding, ...]:  # fmt: skip
+    """Return the findings with the sizes that their effects have in another fit."""
+    effects = {own[0].name: own[0].effect for own in selection.sets}
+    return tuple(with_sizes(f, effects[f.effect], found) if f.effect in effects else f for f in findings)
 
 
 def searched(data: MeasuredData, fitted: NDArray[np.bool_]) -> NDArray[np.bool_]:

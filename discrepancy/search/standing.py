@@ -145,7 +145,7 @@ def renewed(sets: Sets, at: Fit, candidates: Sequence[Effect]) -> Sets:
 
     A set that was made beside just these others stays as it is where no more than noise is left; so does that of a name
     with a form, which explains a part of what the name does. What may be no more than the error of a name's own formula
-    is no ground to compare its rivals on: it has taken what tells them apart.
+    is no ground to compare its rivals on: it has taken what tells them apart. No rival is a name that was found too.
     """
     noise, t = replace(at.noise, scale=at.noise.scale * left_scale(at)), thresholds()
     found = [own[0].effect for own in sets]
@@ -173,4 +173,5 @@ def renewed(sets: Sets, at: Fit, candidates: Sequence[Effect]) -> Sets:
         # the gain of a name is that over the model in which it was found: beside names that share it, it is smaller
         more = first.gain - told.gain
         renewed_sets.append(tuple(replace(o, gain=o.gain + more) for o in (told, *(o for o in close if o is not told))))
-    return tuple(renewed_sets)
+    firsts = {own[0].name for own in sets}
+    return tuple((own[0], *(o for o in own[1:] if o.name not in firsts)) for own in renewed_sets)

@@ -18,7 +18,7 @@ from calibench.discrepancy.report import Shuffled
 from calibench.discrepancy.search import stepwise
 from calibench.discrepancy.search.select import Option, fit_with, run_tests
 from calibench.discrepancy.search.shuffle import _draws, shuffled
-from calibench.discrepancy.search.standing import left_scale
+from calibench.discrepancy.search.standing import left_scale, renewed
 from calibench.problems.base import Array
 from tests.discrepancy.empty_runs import empty_run
 from tests.discrepancy.test_general_families import Arm, readings
@@ -150,6 +150,14 @@ def test_a_rival_in_the_place_of_a_refused_name_is_not_named_twice(monkeypatch: 
     monkeypatch.setattr(stepwise, "controls", lambda *_: next(told))
     left, _ = stepwise.held_by_order(selection, base, effects, ())
     assert [[o.name for o in own] for own in left.sets] == [[other.name]]
+
+
+def test_a_name_that_was_found_is_no_rival_of_another() -> None:
+    base = fit(Model(machines.make("gpm2002").formulate(empty_run(np.random.default_rng(3), poses=40))), Noise())
+    effects = [e for e in catalogue(base.model.formulation).candidates if e.family == "gear"][:2]
+    one, other = (Option(e, fit_with(base, [e]), 50.0, 1) for e in effects)
+    sets = renewed(((one, other), (other,)), fit_with(base, effects), effects)
+    assert [[o.name for o in own] for own in sets] == [[one.name], [other.name]]
 
 
 def test_play_does_not_pass_for_an_error_over_the_way_that_the_side_goes_with() -> None:

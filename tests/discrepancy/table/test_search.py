@@ -281,3 +281,16 @@ def test_a_formula_of_what_is_measured_has_its_own_sign():
     [effect] = namespace["build"](machine.formulate(MeasuredData(columns, "table", {}, "bed")), "machine")
     change = effect.shift({"z": columns["z"]}, MeasuredData(columns, "table", {}, "bed"), np.array([2.6e-6]))["z"]
     np.testing.assert_allclose(change, -2.6e-6 * x * y, atol=0.01)  # taken off the reading
+
+
+def test_a_name_beside_a_formula_has_the_size_that_the_model_gives_it():
+    rng = np.random.default_rng(8)
+    x, y = rng.uniform(-150, 150, (2, 200))
+    z = 0.1 + 2e-6 * x * y + 1.2e-5 * x**2 + 0.005 * rng.standard_normal(200)
+    machine = Table(measured="z", sigma=0.005)
+    report = discrepancy.explain(machine, MeasuredData({"x": x, "y": y, "z": z}, "table", {}, "bed"))
+    [finding] = report.findings
+    assert report.formula is not None
+    low, high = finding.amplitude.ci95
+    assert finding.amplitude.value == pytest.approx(1.2e-5 * np.max(x**2), rel=0.02)
+    assert high - low < 0.02  # and not that of a fit with the formula's part as its noise
