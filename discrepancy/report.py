@@ -248,7 +248,8 @@ class Formula:
     `numbers` are those inside its shapes that were fitted too, `intervals` the 95 % of sizes and numbers. `changes` are
     the quantities that it changes and `largest` by how much at most over the fitted readings. `share` of the excess
     over the noise, in squares, is explained by it. `structure` has a row a term: the quantity, then shape and column of
-    each factor. `smooth_beside`: smooth functions take a part of what it leaves. `code` enters it into a catalogue.
+    each factor. `smooth_beside`: smooth functions take a part of what it leaves. `over_time`: it follows the clock, and
+    so describes this run alone. `code` enters it into a catalogue.
     """
 
     text: str
@@ -259,6 +260,7 @@ class Formula:
     changes: tuple[str, ...] = ()
     share: float = nan
     smooth_beside: bool = False
+    over_time: bool = False
     rivals: tuple[FormulaRival, ...] = ()
     structure: tuple[tuple[str, ...], ...] = ()
     code: str = ""

@@ -251,6 +251,8 @@ def _told(
     share = float(np.clip((best.T - k) / excess, 0.0, 1.0)) if excess > 0 else nan
     changed = effect.shift(final.at.recorded, final.model.formulation.data, c)
     reachable = {name: float(np.max(np.abs(change))) for name, change in changed.items()}
+    data = final.model.formulation.data
+    clocks = (np.all(np.diff(data[u]) > 0) for u in effect.columns if data.units.get(u) == "s")  # of a single trial
     return Formula(
         text=grammar.formula_text(terms), sizes=sizes, numbers=tuple(numbers),
         intervals=tuple(
@@ -258,6 +260,7 @@ def _told(
         ),
         largest=tuple(Amplitude(v, search.unit(n)) for n, v in reachable.items()),
         changes=tuple(reachable), share=share, smooth_beside=final.model.effects[-1] is not effect,
+        over_time=roles_of(final.model.formulation).time in effect.columns or any(clocks),
         rivals=tuple(FormulaRival(grammar.formula_text(r.terms), best.worth - r.worth) for r in rivals),
         structure=tuple(
             (t.quantity, *(f"{a.shape} {a.column}" for a in sorted(t.atoms, key=lambda a: a.column))) for t in terms

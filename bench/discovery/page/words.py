@@ -127,6 +127,8 @@ def formula_sentences(report: Report) -> list[str]:
     rest = ", and smooth curves take a part of the rest" if one.smooth_beside else ""
     said = [f"No cause of the catalogue; {one.text}: {', '.join(numbers)}."]
     said.append(f"The formula changes {_join(most)} and explains {share(one.share)} of {of}{rest}; it is in the model.")
+    if one.over_time:
+        said.append("It follows the time of this run: another run need not repeat it.")
     if one.rivals:
         said.append(f"Nearly as likely: {'; or '.join(rival.text for rival in one.rivals[:FEW_NAMES])}.")
     return said

@@ -294,3 +294,13 @@ def test_a_name_beside_a_formula_has_the_size_that_the_model_gives_it():
     low, high = finding.amplitude.ci95
     assert finding.amplitude.value == pytest.approx(1.2e-5 * np.max(x**2), rel=0.02)
     assert high - low < 0.02  # and not that of a fit with the formula's part as its noise
+
+
+def test_a_formula_over_the_clock_is_of_this_run_alone():
+    rng = np.random.default_rng(4)
+    t, u = np.arange(N) * 20.0, rng.uniform(-1, 1, N)
+    for units, told in (({"t": "s"}, True), ({}, False)):
+        y = 3.0 * u * np.exp(-t / 600) + 0.05 * rng.standard_normal(N)
+        data = MeasuredData({"t": t, "u": u, "y": y}, "table", {}, "made", units=units)
+        formula = discrepancy.explain(Table(measured="y", sigma=0.05), data).formula
+        assert formula.over_time == told
