@@ -13,6 +13,7 @@ from calibench import optimizers
 from calibench.bench.commands.cells import best_texts
 from calibench.bench.commands.console import print_json, print_table
 from calibench.bench.execution.standing import name_in_rows
+from calibench.bench.provenance.code_digest import changed_parts
 from calibench.bench.statistics.choosing import NEEDED, Chosen, choose
 from calibench.bench.statistics.names import method_titles, problem_titles, several
 from calibench.bench.statistics.summary import method_names
@@ -66,7 +67,21 @@ def compare_studies(argv: list[str]) -> int:
         print_json({"cells": compared.cells.to_dict("records"), **counts, **only})
     else:
         _print(compared, methods)
+        for name in _changed_problems(first, second):
+            print(f"{name} is of other code, or other data, in B than in A: what differs may be the problem")
     return 1 if compared.count("worse") else 0
+
+
+def _changed_problems(first: pd.DataFrame, second: pd.DataFrame) -> list[str]:
+    """Return the problems in both whose code, or file of data, no run of the one shares with one of the other."""
+    a, b = (
+        runs[runs["code_digest"].str.len() > 0].groupby("problem")["code_digest"].agg(set) for runs in (first, second)
+    )
+    return [
+        name
+        for name in a.index.intersection(b.index)
+        if all({"problem", "files"} & {*changed_parts(one, other)} for one in a[name] for other in b[name])
+    ]
 
 
 def _of_method(runs: pd.DataFrame, name: str) -> pd.DataFrame:
