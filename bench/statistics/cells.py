@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from calibench.bench.store.columns import Array, Columns, Counts, Flags, floats, known, numbered
+from calibench.core.words import shortened
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,15 +27,20 @@ TASK = [*PROBLEM, "start", "budget", "goal"]  # the goal, not the target: who st
 
 
 def mixed_code(runs: pd.DataFrame) -> str:
-    """Return a sentence on cells whose runs were made by more than one version of the code; '' where none were."""
+    """Return what is told of cells, and of problems, whose runs are of more than one version of the code; else ''."""
     versions = runs.groupby(CELL, dropna=False)["code_digest"].nunique()
-    mixed = int((versions > 1).sum())
-    if not mixed:
-        return ""
-    return (
-        f"{mixed} of {len(versions)} cells hold runs of more than one version of the code (column code_digest), kept "
-        "with --keep or merged: their medians mix them; the same command with --rerun does them again."
-    )
+    part = runs["code_digest"].str.partition(".")[0]
+    of_problem = part.groupby([runs[name] for name in PROBLEM], dropna=False).nunique()
+    others = sorted(set(of_problem.index[of_problem > 1].get_level_values("problem")))
+    mixed, said = int((versions > 1).sum()), []
+    if mixed:
+        said.append(
+            f"{mixed} of {len(versions)} cells hold runs of more than one version of the code (column code_digest), "
+            "kept with --keep or merged: their medians mix them"
+        )
+    if others:
+        said.append(f"{shortened(', '.join(others))}: not all methods ran on the same version of the problem's code")
+    return "; ".join([*said, "the same command with --rerun does them again."]) if said else ""
 
 
 @final

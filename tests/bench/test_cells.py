@@ -258,3 +258,12 @@ def test_a_cell_of_two_versions_of_the_code_is_named(made):
     one, other = made([1.0, 2.0], code_digest="a.b.c"), made([1.5], code_digest="d.b.c")
     assert mixed_code(frame(one)) == ""
     assert mixed_code(frame(one, other)).startswith("1 of 1 cells hold runs of more than one version")
+
+
+def test_methods_that_ran_on_two_versions_of_one_problem_are_told(made):
+    one = made([1.0, 2.0], code_digest="a.b.c", optimizer="lm")
+    assert mixed_code(frame(one, made([1.5], code_digest="a.d.c", optimizer="de"))) == ""  # methods are other code
+    told = mixed_code(frame(one, made([1.5], code_digest="e.d.c", optimizer="de")))
+    assert told.endswith("not all methods ran on the same version of the problem's code; the same command with --rerun "
+                         "does them again.")  # fmt: skip
+    assert "cells hold" not in told
