@@ -122,7 +122,6 @@ def around(
             return
         noise = problem.rng if is_stochastic(problem) else None
         replayed = Replayed(gate, calls, file, always=replay.always, processes=inner, limit=time_limit, noise=noise)
-        replayed.arm()
         try:
             with nullcontext() if replay.always else looked_at(replayed.look, _SLOWLY):
                 yield
