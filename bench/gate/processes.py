@@ -14,20 +14,16 @@ import multiprocessing
 import os
 import pickle
 import platform
-import select
 import signal
-import struct
 import sys
 import warnings
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from functools import cache
-from math import inf
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from time import perf_counter
 from types import TracebackType
 from typing import Any, TypeVar, final
 
@@ -117,9 +113,11 @@ def _live(
     for connection in inherited:
         connection.close()
     gc.freeze()  # a fork has the parent's heap, numba's large one: to look through it for garbage would also copy it
+    code = 1
     with suppress(EOFError, ConnectionError):  # the parent is gone
         work(theirs, *given)
-    os._exit(1)
+        code = 0
+    os._exit(code)  # without the parent's exit handlers
 
 
 class ProcessDied(RuntimeError):
@@ -254,35 +252,27 @@ def forked(work: Callable[[Sender], None]) -> Iterator[tuple[BaseProcess, Receiv
     """
     load_prctl()
     flush_output()  # else the child would print what is in there
-    ours, theirs = os.pipe()
-    mine = os.getpid()
-
-    def live() -> None:
-        become_worker(mine)
-        os.close(ours)
-        code = 0
-        try:
-            work(Sender(theirs))
-            flush_output()
-        except BaseException:
-            code = 1
-        _end_descendants(os.getpid())
-        os._exit(code)  # without the parent's exit handlers
-
-    child = multiprocessing.get_context("fork").Process(target=live)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads: the child uses none of them
-        child.start()
-    assert child.pid is not None
-    os.close(theirs)
-    line = Receiver(ours, child.pid)
+    mine, child = os.getpid(), Child(_work_once, (work,))
+    child.start()
+    assert child.process is not None
+    line = Receiver(child)
     try:
-        yield child, line
+        yield child.process, line
     finally:
-        if os.getpid() == mine:  # and not in a process that was forked meanwhile
-            end_family(child.pid)  # it has answered, or never will
-            child.join()
         line.close()
+        if os.getpid() == mine:  # and not in a process that was forked meanwhile
+            child.end()  # it has answered, or never will
+
+
+def _work_once(theirs: Connection, work: Callable[[Sender], None]) -> None:
+    code = 0
+    try:
+        work(Sender(theirs))
+        flush_output()
+    except BaseException:
+        code = 1
+    _end_descendants(os.getpid())
+    os._exit(code)
 
 
 @final
@@ -336,9 +326,7 @@ def flush_output() -> None:
         ctypes.CDLL(None).fflush(None)
 
 
-_LENGTH = struct.Struct("!Q")
-_CHUNK = 1 << 16
-_LONGEST = 3600.0  # seconds of one wait: the system has its own largest number
+_LONGEST = 1e6  # seconds of one wait: the system has its own largest number
 
 
 @final
@@ -346,71 +334,44 @@ _LONGEST = 3600.0  # seconds of one wait: the system has its own largest number
 class Sender:
     """The child's end: ``send(message)``, any picklable; what user code forks of it sends nothing."""
 
-    descriptor: int
+    connection: Connection
     process: int = field(default_factory=os.getpid)
 
     def send(self, message: Any) -> None:
         """Send it whole. Raises what pickle raises, with nothing sent; `OSError` where nobody listens any more."""
-        if os.getpid() != self.process:
-            return
-        data = pickle.dumps(message)
-        left = memoryview(_LENGTH.pack(len(data)) + data)
-        while left:
-            left = left[os.write(self.descriptor, left) :]
+        if os.getpid() == self.process:
+            self.connection.send(message)
 
 
 @final
 class Receiver:
-    """The parent's end, of the pipe and of the process `pid`, a child of ours that nobody has waited for yet."""
+    """Our end of the line to a child that was just started: also where what it leaves behind holds its end open."""
 
-    def __init__(self, descriptor: int, pid: int) -> None:
-        os.set_blocking(descriptor, False)
-        self._descriptor, self._heard, self._over = descriptor, bytearray(), False
-        self._process: int | None = None  # what tells that it has ended; where there is no such thing the pipe tells
-        with suppress(AttributeError, OSError):
-            self._process = os.pidfd_open(pid)
+    def __init__(self, child: Child) -> None:
+        self._connection, self._ends = child.connection, list[int]()
+        with suppress(AttributeError, OSError):  # where there is no such thing the line alone tells that it has ended
+            self._ends.append(os.pidfd_open(child.process.pid))  # type: ignore[union-attr, arg-type]
 
     def poll(self, timeout: float | None = 0.0) -> bool:
         """Tell whether `recv` would return, or raise, at once; wait for that at most `timeout` seconds (None: ever)."""
-        end = None if timeout is None else perf_counter() + timeout
-        watched = select.poll()
-        for descriptor in (self._descriptor, self._process):
-            if descriptor is not None:
-                watched.register(descriptor, select.POLLIN)
-        while not (self._over or self._size()):
-            left = inf if end is None else max(0.0, end - perf_counter())
-            ready = [descriptor for descriptor, _ in watched.poll(1000 * min(left, _LONGEST))]
-            if not ready and left <= _LONGEST:
-                return False
-            with suppress(BlockingIOError):
-                while data := os.read(self._descriptor, _CHUNK):
-                    self._heard += data
-                self._over = True  # the process has only this end
-            if self._process in ready:  # all that it has said is in the pipe, and read
-                self._over = True
-        return True
+        return bool(wait([self._connection, *self._ends], None if timeout is None else min(timeout, _LONGEST)))
 
     def recv(self) -> Any:
-        """Return the next message. Raises `EOFError` where the child ended without a further complete one."""
+        """Return the next message. Raises `EOFError` where the child ended without a further one."""
         self.poll(None)
-        size = self._size()
-        if not size:
+        if not self._connection.poll():  # it has ended, and all that it has said was read
             raise EOFError("the process ended")
-        message = bytes(self._heard[_LENGTH.size : size])
-        del self._heard[:size]
-        return pickle.loads(message)
+        try:
+            return self._connection.recv()
+        except ConnectionError:
+            raise EOFError("the process ended") from None
+
+    def send(self, message: Any) -> None:
+        self._connection.send(message)
 
     def close(self) -> None:
-        os.close(self._descriptor)
-        if self._process is not None:
-            os.close(self._process)
-
-    def _size(self) -> int:
-        """Return the bytes of the first message with its head; 0 where it has not come whole."""
-        if len(self._heard) < _LENGTH.size:
-            return 0
-        size = _LENGTH.size + int(_LENGTH.unpack_from(self._heard)[0])
-        return size if len(self._heard) >= size else 0
+        while self._ends:
+            os.close(self._ends.pop())
 
 
 _DIES_WITH_PARENT, _ADOPTS = 1, 36  # PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER of <linux/prctl.h>

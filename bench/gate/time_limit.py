@@ -7,16 +7,14 @@ state into memory that it shares with the parent.
 
 from __future__ import annotations
 
-import gc
 import mmap
 import os
 from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack, closing
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
 from math import inf, nan
-from multiprocessing.connection import Connection, Pipe
 from multiprocessing.util import Finalize
 from time import perf_counter, process_time
 from typing import Any, cast, final
@@ -256,11 +254,7 @@ class Runner:
 
     def __init__(self, make: Make) -> None:
         self._mirror, stack = Mirror(), ExitStack()
-        theirs, self._requests = Pipe(duplex=False)
-        with closing(theirs):
-            serve = partial(self._serve, make, theirs)
-            self.child, self._line = stack.enter_context(forked(serve))
-        stack.callback(self._requests.close)
+        self.child, self._line = stack.enter_context(forked(partial(self._serve, make)))
         self.end = Finalize(None, stack.close, exitpriority=0)  # also at the end of this process
 
     def ask(self, request: Any, limit: float, hear: Callable[[Any, Mirror, int], None]) -> Any:
@@ -275,7 +269,7 @@ class Runner:
             began, cpu = perf_counter(), children_cpu()
             mirror.enter(Phase.BUILDING, inf)
             try:
-                self._requests.send((request, limit))
+                self._line.send((request, limit))
                 kind, found = "told", cast(Any, None)
                 while kind == "told" and not (why := _wait(self._line, mirror)):
                     kind, found = self._line.recv()
@@ -303,15 +297,10 @@ class Runner:
             self.end()
             raise
 
-    def _serve(self, make: Make, requests: Connection, tell: Sender) -> None:
-        self._requests.close()
-        gc.freeze()  # the parent's heap: to look through it for garbage would also copy it
+    def _serve(self, make: Make, theirs: Sender) -> None:
         while True:
-            try:
-                request, limit = requests.recv()
-            except (EOFError, OSError):
-                return
-            watch = Watch(self._mirror, limit, lambda message: tell.send(("told", message)))
+            request, limit = theirs.connection.recv()
+            watch = Watch(self._mirror, limit, lambda message: theirs.send(("told", message)))
             self._mirror.head[CPU_BEFORE] = process_time() + children_cpu()
             answer: tuple[str, Any]
             try:
@@ -319,7 +308,7 @@ class Runner:
             except BaseException as error:  # of a request that makes no sense, or to end it all
                 answer = "raised", ToldError.of(error)
             flush_output()
-            tell.send(answer)
+            theirs.send(answer)
 
 
 def _wait(line: Receiver, mirror: Mirror) -> str:

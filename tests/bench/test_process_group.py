@@ -93,11 +93,10 @@ def test_what_a_child_that_dies_leaves_in_its_group_is_killed() -> None:
     assert ends(left)
 
 
-def test_a_message_that_breaks_off_is_none() -> None:
+def test_a_child_that_dies_before_its_second_message_ends_the_line() -> None:
     def work(theirs: Any) -> None:
         theirs.send("whole")
         sleeper()
-        os.write(theirs.descriptor, b"\0" * 7 + b"\xff" + b"part")
         os._exit(3)
 
     with forked(work) as (child, ours):
