@@ -224,7 +224,7 @@ def _read(path: Path, declared: Declared) -> Columns | Table:
             of_ros = ros_columns(data_file.text_of(data_file.read_whole(path, data_file.LARGEST_TEXT)))
             if of_ros is not None:
                 return replace(of_ros, metadata=_metadata(path))
-        return read_table(path, bare=True, blocks=True)
+        return read_table(path, bare=True)
     packed = data_file.read_whole(path, data_file.LARGEST_PARQUET, _SMALLER)
     try:
         arrow = _table_of(packed)

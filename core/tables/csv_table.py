@@ -24,7 +24,6 @@ from calibench.core.words import listed, shortened
 
 _LONGEST_HEAD = 200  # characters
 _LONGEST_PREAMBLE = 60  # lines
-_MOST_LISTED = 4  # blocks whose lines a note lists
 _SMALLER = "write it as Parquet (measured data), or in parts"
 _EMPTY = "the file is empty: a header and a row for each reading are needed"
 _OPEN, _CLOSE = r"\[({<（［｛【〔⟨〈", r"\])}>）］｝】〕⟩〉"
@@ -58,12 +57,11 @@ class Table:
     notes: tuple[str, ...] = ()
 
 
-def read_table(path: str | Path, bare: bool = False, blocks: bool = False) -> Table:
+def read_table(path: str | Path, bare: bool = False) -> Table:
     """Return the table in a file; lines that begin with # are comments, and what stands before the header a preamble.
 
-    With `bare` a first row of numbers is a row, and the table has no header. With `blocks` empty lines that part the
-    rows are looked at: a table of its own below one is refused. Raises `ValueError` in one line for what is no such
-    table or beyond the bounds of `calibench.core.tables.data_file`, `OSError` for what cannot be opened.
+    With `bare` a first row of numbers is a row, and the table has no header. Raises `ValueError` in one line for what
+    is no such table or beyond the bounds of `calibench.core.tables.data_file`, `OSError` for what cannot be opened.
     """
     text = data_file.text_of(data_file.read_whole(path, data_file.LARGEST_TEXT, _SMALLER))
     _check_cells(text.count("\n"))  # before they are parted
@@ -96,8 +94,7 @@ def read_table(path: str | Path, bare: bool = False, blocks: bool = False) -> Ta
         if head is not None:
             rows = [(at, head), *rows]
             notes = (f"the names of the columns are those of the comment above the first reading, line {at}",)
-    table = table_of(rows, " ".join(line.strip() for line in lines[:at]), bare, delimiter, notes)
-    return replace(table, notes=(*table.notes, *_blocks(table.rows, lines))) if blocks else table
+    return table_of(rows, " ".join(line.strip() for line in lines[:at]), bare, delimiter, notes)
 
 
 def table_of(
@@ -190,32 +187,6 @@ def _header(lines: Sequence[str], first: int) -> tuple[int, str]:
     if len(numbers) > 1 and all(map(NUMBER.fullmatch, numbers)) and not lines[first].count(";"):
         return first, " "
     return first, delimiter
-
-
-def _blocks(rows: Rows, lines: Sequence[str]) -> tuple[str, ...]:
-    """Return a note where empty lines part the rows of a file into blocks, which may be tables of their own.
-
-    A file whose every row stands alone has no blocks. Raises `DataError` for a block with a header of its own: names
-    that differ, above as many cells with a number.
-    """
-    apart = [k for k in range(1, len(rows)) if rows[k][0] > rows[k - 1][0] + 1 and _any_number(rows[k - 1][1])]
-    starts = [k for k in apart if not all(line.strip() for line in lines[rows[k - 1][0] : rows[k][0] - 1])]
-    for k in (k for k in starts if k + 1 < len(rows)):
-        names, below = [cell.strip() for cell in rows[k][1]], rows[k + 1][1]
-        words = all(names) and not _any_number(names) and len(set(names)) == len(names) > 1
-        if words and len(names) == len(below) and _any_number(below):
-            raise DataError(
-                f"line {rows[k][0]}: a second table begins below an empty line ({shortened(', '.join(names))}); give "
-                "each a file of its own"
-            )
-    if not starts or len(starts) == len(rows) - 1 > 1:
-        return ()
-    where = ", ".join(str(rows[k][0]) for k in starts[:_MOST_LISTED]) + (", ..." if len(starts) > _MOST_LISTED else "")
-    later = f"the later one from line {where}" if len(starts) == 1 else f"the later ones from lines {where}"
-    return (
-        f"empty lines part the rows into {len(starts) + 1} blocks, {later} on: they are read as one table; tables that "
-        "differ need a file each",
-    )
 
 
 def _parted(line: str, delimiter: str) -> tuple[str, ...]:

@@ -382,23 +382,12 @@ def test_a_header_that_comes_again_is_left_out_and_told(tmp_path):
     assert "the header comes again in line 3 and is left out there" in map(str, data.notes)
 
 
-def test_empty_lines_between_blocks_of_rows_are_told(tmp_path):
-    blocks = "empty lines part the rows into 2 blocks, the later one from line 5 on: they are read as one table"
+def test_empty_lines_between_rows_are_passed_over_and_a_second_table_below_is_refused(tmp_path):
     (tmp_path / "run.csv").write_text("x,y\n1.5,2.5\n3.5,4.5\n\n5.5,6.5\n7.5,8.5\n\n")
-    data = read_measured(tmp_path / "run.csv", "two_link")
-    assert data["x"].tolist() == [1.5, 3.5, 5.5, 7.5]
-    assert any(note.text.startswith(blocks) for note in data.notes)
-    for text in ("x,y\n\nmm,mm\n\n1.5,2.5\n3.5,4.5\n\n", "x,y\n\n1.5,2.5\n\n3.5,4.5\n\n5.5,6.5\n"):
-        (tmp_path / "run.csv").write_text(text)  # room below the header; a file with room between all lines
-        assert not any("empty lines" in note.text for note in read_measured(tmp_path / "run.csv", "two_link").notes)
-
-
-def test_a_second_table_with_a_header_of_its_own_is_refused_with_its_line(tmp_path):
+    assert read_measured(tmp_path / "run.csv", "two_link")["x"].tolist() == [1.5, 3.5, 5.5, 7.5]
     (tmp_path / "run.csv").write_text("x,y\n1.5,2.5\n3.5,4.5\n\nt,u\n5.5,6.5\n")
-    with pytest.raises(DataError, match=r"line 5: .* \(t, u\)"):
+    with pytest.raises(DataError, match="column x, reading 3: 't' is no number"):
         read_measured(tmp_path / "run.csv", "two_link")
-    (tmp_path / "run.csv").write_text("x,y\n1.5,2.5\n\nn/a,n/a\n5.5,6.5\n")
-    assert len(read_measured(tmp_path / "run.csv", "two_link")) == 3
 
 
 @pytest.mark.parametrize(
