@@ -9,7 +9,6 @@ has what the file takes from it) is refused.
 import ast
 import importlib
 import importlib.util
-import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,7 +19,6 @@ from typing import cast
 
 from calibench.core import sources
 
-_SAFE, _OURS = "PYTHONSAFEPATH", "calibench"
 _LOADED: dict[Path, ModuleType] = {}
 KEPT: list[None] = []  # not empty: what is loaded is kept, whatever has become of its file
 
@@ -98,22 +96,6 @@ def load(file: Path) -> ModuleType:
             )
     _LOADED[file] = module
     return module
-
-
-@contextmanager
-def safe_children() -> Iterator[None]:
-    """Let Python processes that are begun here not look first in the working folder, until they call `as_usual`."""
-    os.environ.setdefault(_SAFE, _OURS)
-    try:
-        yield
-    finally:
-        as_usual()
-
-
-def as_usual() -> None:
-    """Let what this process begins look first beside its own script, as Python does."""
-    if os.environ.get(_SAFE) == _OURS:
-        del os.environ[_SAFE]
 
 
 @contextmanager

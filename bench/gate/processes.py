@@ -18,7 +18,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
 from multiprocessing.connection import Connection, wait
@@ -28,7 +28,6 @@ from types import TracebackType
 from typing import Any, TypeVar, final
 
 from calibench.bench.gate.endings import ToldError, frames_of, text_of
-from calibench.core.user_file import as_usual, safe_children
 
 T = TypeVar("T")
 Job = Any
@@ -60,8 +59,7 @@ class Child:
         self.process = context.Process(target=_live, args=(theirs, inherited, os.getpid(), self.work, self.given))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads: the child uses none of them
-            with nullcontext() if CAN_FORK else safe_children():
-                self.process.start()
+            self.process.start()
         theirs.close()
 
     def send(self, what: object) -> None:
@@ -106,7 +104,6 @@ class Child:
 def _live(
     theirs: Connection, inherited: Iterable[Connection], parent: int, work: Callable[..., None], given: tuple[Any, ...]
 ) -> None:
-    as_usual()
     become_worker(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
