@@ -11,7 +11,6 @@ between reading the count and writing it; all other changes are made under a loc
 
 from __future__ import annotations
 
-import mmap
 import os
 from collections.abc import Callable, MutableSequence, Sequence
 from functools import cache
@@ -51,8 +50,8 @@ class Evaluator:
     """
 
     __slots__ = (
-        "__weakref__", "_again", "_ahead", "_asked_by", "_batch", "_below", "_call", "_closed", "_fixed", "_forked",
-        "_function", "_gradient", "_jacobian", "_joint", "_lock", "_mark", "_next_better", "_next_event", "_next_news",
+        "__weakref__", "_again", "_ahead", "_asked_by", "_batch", "_below", "_call", "_closed", "_fixed", "_function",
+        "_gradient", "_jacobian", "_joint", "_lock", "_mark", "_next_better", "_next_event", "_next_news",
         "_owner", "_publish", "_residuals", "_restart_rng", "_restart_seed", "_rows", "_scan", "_shown", "_traced",
         "attempts", "batch_evaluations", "best_evaluation", "best_value", "best_x", "budget", "deadline", "dimension",
         "earlier", "evaluations", "gradient_evaluations", "has_gradient", "has_jacobian", "has_residuals", "hits",
@@ -105,7 +104,6 @@ class Evaluator:
         self.outside_evaluations: int | None = None
         self.attempts: list[str] = []
         self._lock, self._owner, self._closed = RLock(), os.getpid(), False
-        self._forked: mmap.mmap | None = None  # shared with children: whether one has called
         self._schedule()
         _OPEN.add(self)
 
@@ -338,8 +336,6 @@ class Evaluator:
         """End the run: code that still holds the gate, in a thread or a later run, gets no further evaluation."""
         with self._lock:
             self._closed, self._next_event, self._next_news = True, 0, 0
-        if self._forked is not None and self._forked[0]:
-            self.note("called from a forked process")
         if self.evaluations:  # the last point of the trace
             self._record(self.evaluations)
 
@@ -417,8 +413,6 @@ class Evaluator:
         """Make all other threads wait for the lock here, and refuse a call that costs `needed` evaluations."""
         self._next_event = self._next_news = 0
         if os.getpid() != self._owner:
-            if self._forked is not None:
-                self._forked[0] = 1
             raise RuntimeError("the objective cannot be called in a forked process: nothing would count it")
         if self._closed:
             raise BudgetExhausted("this run is over")
@@ -500,13 +494,6 @@ def _fixed(values: Any) -> Array:
 _OPEN: WeakSet[Evaluator] = WeakSet()  # a child that an optimiser forks must not evaluate uncounted
 
 
-def _before_fork() -> None:
-    """Share with all children a place where the refused ones leave their trace."""
-    for gate in list(_OPEN):
-        if gate._forked is None and not gate._closed:
-            gate._forked = mmap.mmap(-1, mmap.PAGESIZE)
-
-
 def _after_fork() -> None:
     """Let every call in this child be looked at."""
     for gate in list(_OPEN):
@@ -515,7 +502,7 @@ def _after_fork() -> None:
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(before=_before_fork, after_in_child=_after_fork)
+    os.register_at_fork(after_in_child=_after_fork)
 
 
 @cache

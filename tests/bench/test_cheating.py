@@ -267,7 +267,7 @@ def test_a_forked_process_gets_no_evaluation(limit: float | None) -> None:
         o(np.zeros(3))
 
     run = bench.execute(Counted(), Method(fork), budget=BUDGET, time_limit=limit)
-    assert (run.status, run.evaluations, run.row["tampering"]) == ("ok", 2, "called from a forked process")
+    assert (run.status, run.evaluations) == ("ok", 2)
 
 
 def test_nothing_is_evaluated_after_the_end() -> None:
