@@ -178,29 +178,24 @@ def _paths(value: Any, depth: int = 0) -> Iterator[PurePath]:
 def _files_of(folder: Path) -> tuple[tuple[str, int, int], ...]:
     """Return name, size and time of all files in a folder, sorted; a folder that links lead to again counts once."""
     found: list[tuple[str, int, int]] = []
-    status = folder.stat()
-    entries, seen, left = 0, {(status.st_dev, status.st_ino)}, [("", folder)]
-    while left:
-        above, inside = left.pop()
-        for entry in sorted(os.scandir(inside), key=lambda entry: entry.name):
-            if entry.name.startswith(".") or entry.name == "__pycache__":
-                continue
-            entries += 1
-            if entries > _MOST:
-                raise ValueError(
-                    f"the folder {folder} holds more than {_MOST} files and folders, too many to notice a change in; "
-                    "let an option name the folder of the data alone, or give the problem a data_id"
-                )
-            name = f"{above}{entry.name}"
-            try:
-                status = entry.stat()
-            except OSError:  # a link to nothing
-                continue
-            if stat.S_ISREG(status.st_mode):
-                found.append((name, status.st_size, status.st_mtime_ns))
-            elif stat.S_ISDIR(status.st_mode) and (status.st_dev, status.st_ino) not in seen:
-                seen.add((status.st_dev, status.st_ino))
-                left.append((f"{name}/", inside / entry.name))
+    entries, seen = 0, set[tuple[int, int]]()
+    for inside, folders, files in os.walk(folder, followlinks=True):
+        about = os.stat(inside)
+        new = (about.st_dev, about.st_ino) not in seen
+        seen.add((about.st_dev, about.st_ino))
+        folders[:] = sorted(name for name in folders if new and name[0] != "." and name != "__pycache__")
+        shown = [Path(inside, name) for name in files if new and name[0] != "."]
+        entries += len(folders) + len(shown)
+        if entries > _MOST:
+            raise ValueError(
+                f"the folder {folder} holds more than {_MOST} files and folders, too many to notice a change in; "
+                "let an option name the folder of the data alone, or give the problem a data_id"
+            )
+        for path in shown:
+            with suppress(OSError):  # a link to nothing
+                status = path.stat()
+                if stat.S_ISREG(status.st_mode):
+                    found.append((path.relative_to(folder).as_posix(), status.st_size, status.st_mtime_ns))
     return tuple(sorted(found))
 
 
