@@ -100,17 +100,17 @@ def fmincon(
     gradients, kind, n = chosen.SpecifyConstraintGradient, chosen.FiniteDifferenceType, len(start)
     where = region(n, A, b=b, Aeq=Aeq, beq=beq, lb=lb, ub=ub, nonlcon=nonlcon, gradients=gradients, kind=kind)
     asked = Called(fun, chosen.filled(n), where.lower, where.upper)
-    (end, state), m, m_eq = search(asked, where, chosen, start), len(where.b), len(where.beq)
-    if state is None:  # it asked nothing
+    (end, walk), m, m_eq = search(asked, where, chosen, start), len(where.b), len(where.beq)
+    if walk is None:  # it asked nothing
         zero, nan = np.zeros(n), float("nan")
         answer = Iterate(
             start, nan, np.full(n, nan), np.zeros((m, n)), np.zeros((m_eq, n)), violation=nan, first_order=nan,
             inequalities=np.zeros(m), equalities=np.zeros(m_eq), at_lower=zero, at_upper=zero,
         )  # fmt: skip
-        path, iterations, step, step_length = tuple[Iterate, ...](), 0, 0.0, 0.0
+        path, iterations, step, step_length = list[Iterate](), 0, 0.0, 0.0
     else:
-        answer, path, iterations = state.answer, state.path, state.iteration
-        step, step_length = state.step, state.step_length
+        answer, path, iterations = walk.answer, walk.path, len(walk.path) - 1
+        step, step_length = walk.step, walk.step_length
     return Result(
         x=answer.x, fval=answer.value, exitflag=end.flag,
         output=Output(

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import functools
 import warnings
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, final
 
 import numpy as np
@@ -37,12 +38,12 @@ ExitFlag = Literal[1, 2, 4, 5, 0, -1, -2, -3]
 Slopes = tuple[Array, Array]  # of inequalities and of equalities, a row each
 
 
-def search(asked: Asked, region: Region, options: Options, x0: Array) -> tuple[Finished, State | None]:
-    """Search from x0, shape (n,), until a test is met; return the end and the last state (None: nothing was asked).
+def search(asked: Asked, region: Region, options: Options, x0: Array) -> tuple[Finished, Walk | None]:
+    """Search from x0, shape (n,), until a test is met; return the end and the way there (None: nothing was asked).
 
     Raises `RuntimeError` where an OutputFcn raises.
     """
-    options, state, end = options.filled(len(x0)), None, None
+    options, walk, end = options.filled(len(x0)), None, None
     if contradiction := region.contradiction():
         end = Finished(-2, f"No feasible point: {contradiction}.")
     else:
@@ -62,7 +63,7 @@ def search(asked: Asked, region: Region, options: Options, x0: Array) -> tuple[F
             raise ValueError("the gradient of the objective is undefined at the initial point")
         slopes = region.slopes(x, steps)
         scales = Scales.of(frame, gradient, *slopes, on=options.ScaleProblem)
-        walk = Walk(asked, region, options, State(frame, scales, Seen(x, value, True)))
+        walk = Walk(asked, region, options, frame, scales, Seen(x, value, True))
 
         if options.Display == "iter":
             print(f"{'':>55}{'':>14}{'Norm of':>14}{'First-order':>14}")
@@ -76,8 +77,8 @@ def search(asked: Asked, region: Region, options: Options, x0: Array) -> tuple[F
         except Finished as raised:
             end = raised
         if end is None or end.flag not in (1, -3):  # only these are about the last iterate
-            walk.state = replace(walk.state, chosen=walk.state.best(options.ConstraintTolerance))
-        best = walk.state.answer
+            walk.chosen = walk.best()
+        best = walk.answer
         if end is None and best.violation > options.ConstraintTolerance:
             end = Finished(-2, f"No feasible point found: constraints are violated by {best.violation:.3e}.")
         elif end is None and best.first_order <= options.OptimalityTolerance:
@@ -88,98 +89,147 @@ def search(asked: Asked, region: Region, options: Options, x0: Array) -> tuple[F
             nearest = region.violation(region.nearest(best.x))
             if not nearest <= options.ConstraintTolerance:
                 end = Finished(-2, _INFEASIBLE.format(nearest))
-        state = walk.state
-        tell(state, asked.count, options, "done")
+        walk.tell("done")
     if options.Display != "off":
         print(f"\n{end.message}")
-    return end, state
+    return end, walk
+
+
+class Seen(NamedTuple):
+    """The last point at which the objective was called; `defined`: it and the constraints are finite numbers there."""
+
+    x: Array
+    value: float
+    defined: bool
 
 
 @final
 @dataclass(eq=False)
 class Walk:
-    """A search on its way: `state` is where it is. u are coordinates of `Frame`, x the user's, both of shape (n,)."""
+    """A search on its way. u are coordinates of `Frame`, x and steps in the user's units, all of shape (n,).
+
+    `path` are its iterates, from the start. `trial` is the first point tried after the last iterate, `direction` from
+    the iterate before to its `trial`. `step` is the norm of the last step, `step_length` its part of d. `least` value,
+    violation and measure; `idle`: iterates in a row that lowered none. `known` iterates are in the matrix, `bent` if
+    curved.
+    """
 
     asked: Asked
     region: Region
     options: Options
-    state: State
+    frame: Frame
+    scales: Scales
+    seen: Seen
+    path: list[Iterate] = field(default_factory=list)
+    trial: Array | None = None
+    direction: Array | None = None
+    step: float = 0.0
+    step_length: float = 0.0
+    least: tuple[float, float, float] = (np.inf, np.inf, np.inf)
+    idle: int = 0
+    known: int = 0
+    bent: bool = False
+    chosen: Iterate | None = None
+
+    @property
+    def last(self) -> Iterate:
+        return self.path[-1]
+
+    @property
+    def answer(self) -> Iterate:
+        """Return the iterate that was chosen as the answer; until then the last."""
+        return self.path[-1] if self.chosen is None else self.chosen
+
+    def best(self) -> Iterate:
+        """Return the feasible iterate of least merit f + 2 |lambda|_1 violation; without one, the least infeasible."""
+        # by f alone a point outside by less than the tolerance would beat the optimum
+        inside = [i for i in self.path if i.violation <= self.options.ConstraintTolerance]
+        if not inside:
+            return min(self.path, key=lambda i: i.violation)
+        last = inside[-1]
+        penalty = 2.0 * float(np.abs(last.inequalities).sum() + np.abs(last.equalities).sum())
+        return min(inside, key=lambda i: i.value + penalty * i.violation)
 
     def value(self, u: Array) -> float:
         """Return the scaled objective; where it or a constraint is not defined a value that is always refused."""
-        x = self.state.frame.x(u)
-        self.state = state = self.state.tried(x)
-        if self.options.StopPlace == "before_step" and state.trial is not None:
-            at, limit = state.last, self.options.FunctionTolerance
-            if end := small(at.violation, state.trial - at.x, float(at.gradient @ (x - at.x)), limit, self.options):
+        x, at = self.frame.x(u), self.last
+        if self.trial is None and not np.array_equal(x, at.x):
+            self.trial = x
+        if self.options.StopPlace == "before_step" and self.trial is not None:
+            limit = self.options.FunctionTolerance
+            if end := small(at.violation, self.trial - at.x, float(at.gradient @ (x - at.x)), limit, self.options):
                 raise end
         value, defined = self._look(x)
-        return min(value / state.scales.f, _REFUSED) if defined else _REFUSED
+        return min(value / self.scales.f, _REFUSED) if defined else _REFUSED
 
     def slope(self, u: Array) -> Array:
         """Return the scaled gradient of the objective: u becomes an iterate."""
-        x = self.state.frame.x(u)
-        if not np.array_equal(x, self.state.last.x):
+        x = self.frame.x(u)
+        if not np.array_equal(x, self.last.x):
             self.arrive(x)
-        frame = self.state.frame
-        return np.asarray(self.state.last.gradient[frame.free] * frame.width / self.state.scales.f)
+        return np.asarray(self.last.gradient[self.frame.free] * self.frame.width / self.scales.f)
 
     def constraint(self, u: Array, which: int) -> Array:
         """Return the scaled inequalities (`which` 0) or equalities (1); where undefined those of the last iterate."""
-        x, scales = self.state.frame.x(u), self.state.scales
+        x = self.frame.x(u)
         if not self.region.is_defined(x):
-            x = self.state.last.x
-        return self.region.values(x)[which] / (scales.inside, scales.on)[which]
+            x = self.last.x
+        return self.region.values(x)[which] / (self.scales.inside, self.scales.on)[which]
 
     def constraint_slope(self, u: Array, which: int) -> Array:
-        frame, scales, last = self.state.frame, self.state.scales, self.state.last
+        frame, scales, last = self.frame, self.scales, self.last
         x = frame.x(u)
         rows = (last.J_in, last.J_eq) if np.array_equal(x, last.x) else self.region.slopes(x)
         return np.asarray(rows[which][:, frame.free] * frame.width / (scales.inside, scales.on)[which][:, None])
 
     def _look(self, x: Array) -> tuple[float, bool]:
         """Return the value at x, and whether it and the constraints are defined; the last two points are remembered."""
-        if np.array_equal(x, self.state.last.x):
-            return self.state.last.value, True
-        if not np.array_equal(x, self.state.seen.x):
+        if np.array_equal(x, self.last.x):
+            return self.last.value, True
+        if not np.array_equal(x, self.seen.x):
             most = self.options.MaxFunctionEvaluations
             if most is not None and self.asked.count >= most:
                 raise Finished(0, f"Stopped at MaxFunctionEvaluations = {most}.")
             value = self.asked.value(x)
             if value == -np.inf and self.region.violation(x) <= self.options.ConstraintTolerance:
                 raise Finished(-3, _UNBOUNDED.format(value, self.options.ObjectiveLimit))
-            defined = bool(np.isfinite(value)) and self.region.is_defined(x)
-            self.state = replace(self.state, seen=Seen(x, value, defined))
-        return self.state.seen[1:]
+            self.seen = Seen(x, value, bool(np.isfinite(value)) and self.region.is_defined(x))
+        return self.seen[1:]
 
     def arrive(self, x: Array, gradient: Array | None = None, slopes: Slopes | None = None) -> None:
         """Make x the next iterate: find its derivatives where they are not given, show it, test it."""
-        options, before = self.options, self.state.last if self.state.path else None
-        self.state = self.state.stepped(x)
-        value = self.state.seen.value if np.array_equal(self.state.seen.x, x) else self._look(x)[0]
-        trial, value = self.state.trial, min(value, _REFUSED)
-        direction = None if trial is None else trial - self.state.last.x  # of the step that was taken
-        self.state = replace(self.state, direction=direction)
+        options, before, trial = self.options, self.path[-1] if self.path else None, self.trial
+        if before is not None:
+            self.step = float(np.linalg.norm(x - before.x))
+            whole = 0.0 if trial is None else float(np.linalg.norm(trial - before.x))
+            self.step_length = self.step / whole if whole else 0.0
+        value = min(self.seen.value if np.array_equal(self.seen.x, x) else self._look(x)[0], _REFUSED)
+        self.direction = direction = None if trial is None else trial - self.last.x  # of the step that was taken
         if options.StopPlace == "after_step" and before is not None and direction is not None:
             # its gradient stays unknown, so the slope is that of the point before
             violation, slope = self.region.violation(x), float(before.gradient @ direction)
             if end := small(violation, direction, slope, 2.0 * (options.FunctionTolerance or 0.0), options):
-                last = replace(before, x=x, value=value, violation=violation)
-                self.state = replace(self.state, path=(*self.state.path, last))
+                self.path.append(replace(before, x=x, value=value, violation=violation))
                 raise end
-        steps = None if gradient is not None and slopes else difference_steps(x, self.state.path, options)
+        steps = None if gradient is not None and slopes else difference_steps(x, self.path, options)
         gradient = self.asked.gradient(x, steps) if gradient is None else gradient
         slopes = slopes or self.region.slopes(x, steps)
-        now = iterate_at(self.region, self.state.frame, self.state.scales, x, value, gradient, *slopes)
-        self.state = state = self.state.arrived(now, options.ConstraintTolerance)
+        now = iterate_at(self.region, self.frame, self.scales, x, value, gradient, *slopes)
+        feasible, (value, violation, first_order) = now.violation <= options.ConstraintTolerance, self.least
+        nearer = now.violation < 0.9 * violation or now.first_order < 0.9 * first_order
+        self.idle = 0 if nearer or (feasible and now.value < value) else self.idle + 1
+        value = min(value, now.value) if feasible else value
+        self.least = (value, min(violation, now.violation), min(first_order, now.first_order))
+        self.path.append(now)
+        self.trial, iteration = None, len(self.path) - 1
         if options.Display == "iter":
             print(
-                f"{state.iteration:5d}{self.asked.count:12d}{now.value:19.6e}{now.violation:15.3e}"
-                f"{state.step_length:14.3e}{state.step:14.3e}{now.first_order:14.3e}"
+                f"{iteration:5d}{self.asked.count:12d}{now.value:19.6e}{now.violation:15.3e}"
+                f"{self.step_length:14.3e}{self.step:14.3e}{now.first_order:14.3e}"
             )
-        if tell(state, self.asked.count, options, "iter" if before else "init"):
+        if self.tell("iter" if before else "init"):
             raise Finished(-1, "Stopped by the OutputFcn.")
-        if end := met_at(now, before, direction, state.iteration, state.idle >= PATIENCE, options):
+        if end := met_at(now, before, direction, iteration, self.idle >= PATIENCE, options):
             raise end
 
     def arrive_feasible(self, at: Iterate) -> Iterate:
@@ -189,10 +239,26 @@ class Walk:
         if not violation <= self.options.ConstraintTolerance:
             raise Finished(-2, _INFEASIBLE.format(violation))
         self.arrive(x)
-        return self.state.last
+        return self.last
+
+    def tell(self, when: Literal["init", "iter", "done"]) -> bool:
+        """Call the OutputFcn; return whether it asks to stop. An error is a `RuntimeError`."""
+        if self.options.OutputFcn is None:
+            return False
+        at, iteration = self.answer, len(self.path) - 1
+        values = OptimValues(
+            iteration, self.asked.count, fval=at.value, constrviolation=at.violation, stepsize=self.step,
+            lssteplength=self.step_length, firstorderopt=at.first_order, gradient=at.gradient.copy(),
+            searchdirection=None if self.direction is None else self.direction.copy(),
+        )  # fmt: skip
+        try:
+            return bool(self.options.OutputFcn(at.x.copy(), values, when))
+        except Exception as error:
+            where = f"at iteration {iteration} ({when})"
+            raise RuntimeError(f"OutputFcn raised {type(error).__name__} {where}: {error}") from error
 
 
-def difference_steps(x: Array, path: tuple[Iterate, ...], options: Options) -> Array | None:
+def difference_steps(x: Array, path: Sequence[Iterate], options: Options) -> Array | None:
     """Return the difference steps at x, shape (n,), after the iterates of `path`; None where the box gives them.
 
     `typical_x` is the documented rule, since February 2003: v sign'(x) max(|x|, TypicalX), sign'(0) = 1. `gradient` is
@@ -233,7 +299,7 @@ def sqp(walk: Walk, start: Array) -> str:
     """Search by SciPy's SLSQP (Kraft 1988) from u = `start`, afresh where it gives up; return why no test ended it."""
     from scipy.optimize import minimize
 
-    options, tolerance, scales = walk.options, walk.options.ConstraintTolerance, walk.state.scales
+    options, tolerance, scales = walk.options, walk.options.ConstraintTolerance, walk.scales
     constraints: Any = [  # SLSQP's inequalities are >= 0, MATLAB's <= 0
         {
             "type": kind,
@@ -245,13 +311,12 @@ def sqp(walk: Walk, start: Array) -> str:
     ]
     tried_elsewhere = False
     for _ in range(_AFRESH):
-        before = walk.state.best(tolerance)
-        walk.state = replace(walk.state, idle=0)
+        before, walk.idle = walk.best(), 0
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Values in x were outside bounds", category=RuntimeWarning)
             try:
                 ended = minimize(
-                    walk.value, start, jac=walk.slope, method="SLSQP", bounds=list(zip(*walk.state.frame.bounds())),
+                    walk.value, start, jac=walk.slope, method="SLSQP", bounds=list(zip(*walk.frame.bounds())),
                     constraints=constraints, options={"ftol": _NO_TEST, "maxiter": 10**8},
                 )  # fmt: skip
                 gone_wrong = bool(ended.status != 0)  # otherwise than by no change of value or point
@@ -259,7 +324,7 @@ def sqp(walk: Walk, start: Array) -> str:
                 if end.message != STUCK:
                     raise
                 gone_wrong = False
-        best = walk.state.best(tolerance)
+        best = walk.best()
         if best.violation > tolerance:
             if tried_elsewhere:
                 break
@@ -269,9 +334,9 @@ def sqp(walk: Walk, start: Array) -> str:
             before.violation <= tolerance and before.value - best.value <= 1e-6 * abs(before.value)
         ):
             break
-        frame = Frame.of(walk.region, best.x, options.ScaleProblem and options.ScaleVariables)
-        scales = Scales.of(frame, best.gradient, best.J_in, best.J_eq, on=options.ScaleProblem)
-        walk.state, start = replace(walk.state, frame=frame, scales=scales), frame.u(best.x)
+        walk.frame = Frame.of(walk.region, best.x, options.ScaleProblem and options.ScaleVariables)
+        walk.scales = Scales.of(walk.frame, best.gradient, best.J_in, best.J_eq, on=options.ScaleProblem)
+        start = walk.frame.u(best.x)
     return STUCK
 
 
@@ -279,7 +344,7 @@ def interior_point(walk: Walk, start: Array, first: bool = True) -> str:
     """Search by SciPy's trust-constr (Byrd, Hribar, Nocedal 1999) from u = `start`; once more from a feasible point."""
     from scipy.optimize import SR1, Bounds, NonlinearConstraint, minimize
 
-    options, (low, high), scales = walk.options, walk.state.frame.bounds(), walk.state.scales
+    options, (low, high), scales = walk.options, walk.frame.bounds(), walk.scales
     matrix = SR1()
     matrix.initialize(len(start), "hess")
     straight: Any = lambda u, v: np.zeros((len(u), len(u)))  # noqa: E731  (the curvature is in `matrix`)
@@ -308,107 +373,27 @@ def interior_point(walk: Walk, start: Array, first: bool = True) -> str:
         )  # fmt: skip
     if ended.status == 0:
         raise Finished(0, _OUT_OF_ITERATIONS.format(options.MaxIterations))
-    best = walk.state.best(options.ConstraintTolerance)
+    best = walk.best()
     if first and best.violation > options.ConstraintTolerance:
-        frame, feasible = walk.state.frame, walk.arrive_feasible(best)
-        return interior_point(walk, frame.inside(frame.u(feasible.x)), first=False)
+        feasible = walk.arrive_feasible(best)
+        return interior_point(walk, walk.frame.inside(walk.frame.u(feasible.x)), first=False)
     return "the trust region is within StepTolerance"
 
 
 def _curvature(walk: Walk, matrix: Any) -> Array:
     """Return the Hessian of the Lagrangian, updated by the last step (SR1): SciPy's asks for refused points, too."""
-    state, path = walk.state, walk.state.path
-    n, bend = int(state.frame.free.sum()), np.zeros(0)
-    if len(path) > 1 and state.known < len(path):
-        now, before, free, width = path[-1], path[-2], state.frame.free, state.frame.width
+    path, free, width, bend = walk.path, walk.frame.free, walk.frame.width, np.zeros(0)
+    n = int(free.sum())
+    if len(path) > 1 and walk.known < len(path):
+        now, before = path[-1], path[-2]
         change = now.gradient - before.gradient
         change += (now.J_in - before.J_in).T @ now.inequalities + (now.J_eq - before.J_eq).T @ now.equalities
-        step, bend = (now.x - before.x)[free] / width, change[free] * width / state.scales.f
+        step, bend = (now.x - before.x)[free] / width, change[free] * width / walk.scales.f
         if bend.any():
             matrix.update(step, bend)
-    walk.state = state = replace(state, known=len(path), bent=state.bent or bool(bend.any()))
-    straight = len(path) > 1 and not state.bent  # no curvature so far: then each step goes to the radius
+    walk.known, walk.bent = len(path), walk.bent or bool(bend.any())
+    straight = len(path) > 1 and not walk.bent  # no curvature so far: then each step goes to the radius
     return np.zeros((n, n)) if straight else np.asarray(matrix.get_matrix())
-
-
-class Seen(NamedTuple):
-    """The last point at which the objective was called; `defined`: it and the constraints are finite numbers there."""
-
-    x: Array
-    value: float
-    defined: bool
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class State:
-    """Where a search is. `path` are its iterates, from the start; x and steps are in the user's units.
-
-    `trial`, (n,), is the first point tried after the last iterate, `direction`, (n,), from the iterate before to its
-    `trial`. `step` is the norm of the last step, `step_length` its part of d. `least` value, violation and measure;
-    `idle`: iterates in a row that lowered none. `known` iterates are in the matrix, `bent` if curved.
-    """
-
-    frame: Frame
-    scales: Scales
-    seen: Seen
-    path: tuple[Iterate, ...] = ()
-    trial: Array | None = None
-    direction: Array | None = None
-    step: float = 0.0
-    step_length: float = 0.0
-    least: tuple[float, float, float] = (np.inf, np.inf, np.inf)
-    idle: int = 0
-    known: int = 0
-    bent: bool = False
-    chosen: Iterate | None = None
-
-    @property
-    def iteration(self) -> int:
-        """Return the number of the last iterate; the start is 0."""
-        return len(self.path) - 1
-
-    @property
-    def last(self) -> Iterate:
-        return self.path[-1]
-
-    @property
-    def answer(self) -> Iterate:
-        """Return the iterate that was chosen as the answer; until then the last."""
-        return self.path[-1] if self.chosen is None else self.chosen
-
-    def best(self, tolerance: float) -> Iterate:
-        """Return the feasible iterate of least merit f + 2 |lambda|_1 violation; without one, the least infeasible."""
-        # by f alone a point outside by less than the tolerance would beat the optimum
-        inside = [i for i in self.path if i.violation <= tolerance]
-        if not inside:
-            return min(self.path, key=lambda i: i.violation)
-        last = inside[-1]
-        penalty = 2.0 * float(np.abs(last.inequalities).sum() + np.abs(last.equalities).sum())
-        return min(inside, key=lambda i: i.value + penalty * i.violation)
-
-    def tried(self, x: Array) -> State:
-        """Note that x is asked about: the first such point away from the last iterate is the trial."""
-        if self.trial is not None or np.array_equal(x, self.last.x):
-            return self
-        return replace(self, trial=x)
-
-    def stepped(self, x: Array) -> State:
-        """Take the step from the last iterate to x, which is no iterate yet."""
-        if not self.path:
-            return self
-        step = float(np.linalg.norm(x - self.last.x))
-        whole = 0.0 if self.trial is None else float(np.linalg.norm(self.trial - self.last.x))
-        return replace(self, step=step, step_length=step / whole if whole else 0.0)
-
-    def arrived(self, iterate: Iterate, tolerance: float) -> State:
-        """Make the iterate the last one; it is feasible where its violation is within `tolerance`."""
-        feasible, (value, violation, first_order) = iterate.violation <= tolerance, self.least
-        nearer = iterate.violation < 0.9 * violation or iterate.first_order < 0.9 * first_order
-        idle = 0 if nearer or (feasible and iterate.value < value) else self.idle + 1
-        value = min(value, iterate.value) if feasible else value
-        least = (value, min(violation, iterate.violation), min(first_order, iterate.first_order))
-        return replace(self, path=(*self.path, iterate), trial=None, idle=idle, least=least)
 
 
 @dataclass(eq=False)
@@ -475,20 +460,3 @@ class OptimValues:
     firstorderopt: float
     gradient: Array
     searchdirection: Array | None = None
-
-
-def tell(state: State, count: int, options: Options, when: Literal["init", "iter", "done"]) -> bool:
-    """Call the OutputFcn after `count` evaluations; return whether it asks to stop. An error is a `RuntimeError`."""
-    if options.OutputFcn is None:
-        return False
-    at = state.answer
-    values = OptimValues(
-        state.iteration, count, fval=at.value, constrviolation=at.violation, stepsize=state.step,
-        lssteplength=state.step_length, firstorderopt=at.first_order, gradient=at.gradient.copy(),
-        searchdirection=None if state.direction is None else state.direction.copy(),
-    )  # fmt: skip
-    try:
-        return bool(options.OutputFcn(at.x.copy(), values, when))
-    except Exception as error:
-        where = f"at iteration {state.iteration} ({when})"
-        raise RuntimeError(f"OutputFcn raised {type(error).__name__} {where}: {error}") from error

@@ -1,12 +1,16 @@
-"""The state of a search of `fmincon` is a value: a transition returns the next one and leaves its own as it was."""
+"""A search of `fmincon` on its way: what it notes of its steps, and which test ends it first."""
 
 from __future__ import annotations
 
+from collections import deque
+from typing import Any
+
 import numpy as np
+import pytest
 
 from calibench.optimizers.fmincon.constraints import Frame, Iterate, Scales, region
 from calibench.optimizers.fmincon.options import Options
-from calibench.optimizers.fmincon.search import PATIENCE, Seen, State, met_at
+from calibench.optimizers.fmincon.search import PATIENCE, STUCK, Finished, Seen, Walk, met_at
 
 NONE, NO_ROWS = np.zeros(0), np.zeros((0, 2))
 
@@ -16,38 +20,52 @@ def iterate(x: list[float], value: float, violation: float = 0.0, first_order: f
     return Iterate(np.array(x), value, zero, NO_ROWS, NO_ROWS, violation, first_order, NONE, NONE, zero, zero)
 
 
-def begun() -> State:
-    start = np.array([0.0, 0.0])
-    frame = Frame.of(region(2), start, True)
-    state = State(frame, Scales(1.0, NONE, NONE), Seen(start, 5.0, True))
-    return state.arrived(iterate([0.0, 0.0], 5.0), 1e-6)
+class Told:
+    """A function with a slope of 1 everywhere, whose values are 5 but for those that were said."""
+
+    count = 0
+
+    def __init__(self, **values: float) -> None:
+        self.values = values
+
+    def value(self, x: Any) -> float:
+        return self.values.get(f"at_{x[0]:g}", 5.0)
+
+    def gradient(self, x: Any, steps: Any = None) -> Any:
+        return np.ones(2)
+
+
+def begun(**values: float) -> Walk:
+    start, open_plane = np.zeros(2), region(2)
+    frame, options = Frame.of(open_plane, start, True), Options(StepTolerance=0.0).filled(2)
+    asked: Any = Told(**values)
+    walk = Walk(asked, open_plane, options, frame, Scales(1.0, NONE, NONE), Seen(start, 5.0, True))
+    walk.arrive(start)
+    return walk
 
 
 def test_a_step_length_is_the_part_of_the_first_point_tried() -> None:
-    half = np.array([3.0, 4.0])
-    state = begun().tried(np.array([6.0, 8.0])).tried(half).stepped(half)
-    assert (state.step, state.step_length) == (5.0, 0.5)
+    walk, half = begun(), np.array([3.0, 4.0])
+    for x in (np.zeros(2), np.array([6.0, 8.0]), half):  # the last iterate is no trial
+        walk.value(x)
+    walk.arrive(half)
+    assert (walk.step, walk.step_length) == (5.0, 0.5)
 
 
-def test_the_last_iterate_is_no_trial() -> None:
-    state = begun()
-    assert state.tried(np.zeros(2)) is state
-
-
-def test_ten_iterates_without_progress_in_any_measure_are_stuck() -> None:
-    for better in ({"value": 4.0}, {"value": 6.0, "first_order": 0.5}):
-        state = begun()
-        for _ in range(9):
-            state = state.arrived(iterate([1.0, 0.0], 5.0), 1e-6)
-        assert state.idle == PATIENCE - 1
-        assert state.arrived(iterate([1.0, 0.0], 5.0), 1e-6).idle == PATIENCE
-        assert state.arrived(iterate([1.0, 0.0], **better), 1e-6).idle == 0
+@pytest.mark.parametrize(("values", "more"), [({}, 0), ({"at_4": 4.0}, 4), ({"at_4": 6.0}, 0)])
+def test_ten_iterates_without_progress_are_stuck(values: dict[str, float], more: int) -> None:
+    walk = begun(**values)
+    with pytest.raises(Finished) as end:
+        deque(map(walk.arrive, np.array([(k, 0.0) for k in range(1, 100)])))
+    assert (end.value.flag, end.value.message) == (2, STUCK)
+    assert len(walk.path) == 1 + PATIENCE + more
 
 
 def test_the_best_is_feasible_where_any_is() -> None:
-    state = begun().arrived(iterate([1.0, 0.0], -9.0, violation=1.0), 1e-6)
-    assert state.best(1e-6) is state.path[0]
-    assert state.answer is state.path[1]
+    walk = begun()
+    walk.path.append(iterate([1.0, 0.0], -9.0, violation=1.0))
+    assert walk.best() is walk.path[0]
+    assert walk.answer is walk.path[1]
 
 
 def test_optimality_is_tested_before_the_number_of_iterates() -> None:
