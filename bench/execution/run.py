@@ -47,23 +47,6 @@ _PATIENCE = 60.0  # seconds for judging an answer where a run is watched and has
 
 @final
 @dataclass(frozen=True)
-class Found:
-    """What is known of a run that was cut, and when it began."""
-
-    cut: Cut
-    began: datetime
-
-    def restored(self, gate: Evaluator) -> Ending:
-        """Let `gate` be where it was, and return how the run ended."""
-        for name, value in (self.cut.state or {}).items():
-            setattr(gate, name, value)
-        if self.cut.timed_out:
-            gate.stopped = "timeout"
-        return self.cut.ending
-
-
-@final
-@dataclass(frozen=True)
 class Spec:
     """What a run is, in values: enough to do it anywhere, and to know whether it has been done.
 
@@ -174,8 +157,8 @@ class Run:
 
 
 def made_or_found(
-    ask: Callable[[Found | None, Callable[[Name | Run, Mirror, int], None]], Run | Cut], began: datetime
-) -> tuple[Run | Found, str]:
+    ask: Callable[[Cut | None, Callable[[Name | Run, Mirror, int], None]], Run | Cut],
+) -> tuple[Run | Cut, str]:
     """Return the run that ``ask(found, hear)`` makes, asked again for its row where it is cut, and what its id is.
 
     Where that is cut too, or what builds it is, the first cut is returned. The run is followed from when it is named.
@@ -202,8 +185,8 @@ def made_or_found(
             lost = Run(replace(draft.record, error=run.ending.error, **failed), draft.points)
             return draft if draft.error_type else lost, known_id
         if found is not None or run.phase == Phase.BUILDING:
-            return found or Found(run, began), known_id
-        found = Found(run, began)
+            return found or run, known_id
+        found = run
 
 
 def execute(
@@ -245,14 +228,14 @@ def _run_of_object(asked: Asked, state: Kept | None, time_limit: float | None) -
     looks(), scans()  # once here, and not in every child
     limit = inf if time_limit is None else time_limit
 
-    def make(found: Found | None, watch: Watch) -> tuple[Run, bool]:
+    def make(found: Cut | None, watch: Watch) -> tuple[Run, bool]:
         if state is None:
             return make_run(asked, None, watch, found), False
         with kept() as own:  # a child has other streams than its parent from the beginning
             return make_run(asked, own, watch, found), False
 
-    run, _ = made_or_found(lambda found, hear: Runner(make).ask(found, limit, hear), datetime.now(UTC))
-    if isinstance(run, Found):  # the row of a run that was cut, without a further call of its problem
+    run, _ = made_or_found(lambda found, hear: Runner(make).ask(found, limit, hear))
+    if isinstance(run, Cut):  # the row of a run that was cut, without a further call of its problem
         gate = Evaluator(pair.problem, asked.budget, start=asked.first, target=asked.target, targets=asked.targets)
         ending = run.restored(gate)
         gate.close()
@@ -274,7 +257,7 @@ def _own_state(foreign: Sequence[str]) -> Iterator[Kept | None]:
         yield state
 
 
-def make_run(asked: Asked, state: Kept | None, watch: Watch | None = None, found: Found | None = None) -> Run:
+def make_run(asked: Asked, state: Kept | None, watch: Watch | None = None, found: Cut | None = None) -> Run:
     """Make the run that is asked for in this process, and tell `watch` of it. `state`: None without foreign code.
 
     Where it was `found` cut by its time limit or a crash, there is no search: this is then its row.

@@ -9,18 +9,18 @@ built once more in a child with little time; else the classes are read; else onl
 import os
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from math import inf
-from typing import Any, final
+from typing import Any
 
 from calibench import optimizers, problems
 from calibench.bench.execution.answer import NO_MERIT, Answer
 from calibench.bench.execution.costly import ReplayFolder
 from calibench.bench.execution.kernels import is_own, load_new_kernels
 from calibench.bench.execution.request import check_numbers, pair_of, preferred_start, read_asked
-from calibench.bench.execution.run import Found, Run, Spec, made_or_found, make_run, row_of
+from calibench.bench.execution.run import Run, Spec, made_or_found, make_run, row_of
 from calibench.bench.execution.run_row import SCHEMA_VERSION, RunRow
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.processes import Lost, apart, has_children
@@ -34,18 +34,8 @@ from calibench.core.process_state import SLOW
 _PATIENCE = 5.0  # seconds for building a problem and an optimiser once more, and again for looking at their classes
 
 
-@final
-@dataclass(frozen=True)
-class _Request:
-    """A run to be made, or of one that was `found` cut its row; `building_s` is how long building may take."""
-
-    spec: Spec
-    inner: int
-    replay: ReplayFolder | None
-    building_s: float
-    found: Found | None = None
-
-
+# a run to be made, in how many processes, its replay, how long building may take [s]; and how it was cut before, if so
+_Request = tuple[Spec, int, ReplayFolder | None, float, Cut | None]
 # a standing process, and the state of this one as it was begun; a process ends with the thread that began it
 _STANDING: dict[threading.Thread, tuple[Runner, own_state.Kept]] = {}
 os.register_at_fork(after_in_child=_STANDING.clear)
@@ -56,21 +46,19 @@ def run_apart(spec: Spec, inner: int, replay: ReplayFolder | None, known_id: str
     check_numbers(spec.budget, spec.repetition, spec.target, spec.time_limit)
     limited = not (is_own(problems.registry, spec.problem) and is_own(optimizers.registry, spec.optimizer))
     building_s = spec.time_limit if limited and spec.time_limit is not None else inf
-    run, found_id = made_or_found(
-        lambda found, hear: _ask(_Request(spec, inner, replay, building_s, found), hear), datetime.now(UTC)
-    )
+    run, found_id = made_or_found(lambda found, hear: _ask((spec, inner, replay, building_s, found), hear))
     if isinstance(run, Run):
         return run
-    ending, patience = run.cut.ending, _PATIENCE if spec.time_limit is None else min(spec.time_limit, _PATIENCE)
+    ending, patience = run.ending, _PATIENCE if spec.time_limit is None else min(spec.time_limit, _PATIENCE)
     return lost_run(
-        spec, found_id or known_id, ending.error_type, ending.error, timed_out=run.cut.timed_out,
+        spec, found_id or known_id, ending.error_type, ending.error, timed_out=run.timed_out,
         wall_s=ending.wall_s, cpu_s=ending.cpu_s, patience=patience,
     )  # fmt: skip
 
 
 def _ask(request: _Request, hear: Callable[[Any, Mirror, int], None]) -> Run | Cut:
     """Return what the standing process makes of a request."""
-    spec, me = request.spec, threading.current_thread()
+    spec, me = request[0], threading.current_thread()
     limit = inf if spec.time_limit is None else spec.time_limit
     if not _is_plain([spec.problem_options, spec.optimizer_options]):  # an object cannot be sent there
         runner = Runner(lambda _, watch: (_make(request, watch)[0], False))
@@ -94,9 +82,10 @@ def _end_standing(thread: threading.Thread) -> None:
 
 
 def _make(request: _Request, watch: Watch) -> tuple[Run, bool]:
-    watch.enter(Phase.BUILDING, request.building_s)
-    with request.spec.asked(request.inner, request.replay) as (asked, state):
-        run = make_run(asked, state, watch, request.found)
+    spec, inner, replay, building_s, cut = request
+    watch.enter(Phase.BUILDING, building_s)
+    with spec.asked(inner, replay) as (asked, state):
+        run = make_run(asked, state, watch, cut)
     return run, not (own_state.lasting() or has_children())
 
 

@@ -12,6 +12,7 @@ import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from enum import IntEnum
 from functools import partial
 from math import inf, nan
@@ -234,12 +235,23 @@ class Mirror:
 @final
 @dataclass(frozen=True)
 class Cut:
-    """A run whose process was ended or ended by itself: in which phase, and how; the counts of its search, if any."""
+    """A run whose process was ended or ended by itself: when it began, in which phase it was cut, and how; the counts
+    of its search, if any.
+    """
 
+    began: datetime
     phase: Phase
     timed_out: bool
     ending: Ending
     state: dict[str, Any] | None
+
+    def restored(self, gate: Evaluator) -> Ending:
+        """Let `gate` be where it was, and return how the run ended."""
+        for name, value in (self.state or {}).items():
+            setattr(gate, name, value)
+        if self.timed_out:
+            gate.stopped = "timeout"
+        return self.ending
 
 
 Make = Callable[[Any, Watch], tuple[Any, bool]]
@@ -264,7 +276,7 @@ class Runner:
         run came, or it may make no more. Raises what could not be made into a run.
         """
         assert self.child.pid is not None
-        mirror = self._mirror
+        mirror, at = self._mirror, datetime.now(UTC)
         try:
             began, cpu = perf_counter(), children_cpu()
             mirror.enter(Phase.BUILDING, inf)
@@ -286,7 +298,7 @@ class Runner:
                     took = took[0] + earlier[0], took[1] + earlier[1]
                 ended = f" with {exit_of(self.child.exitcode)}" if why == _DIED else ""
                 ending = Ending("ProcessDied" if ended else "", f"{_WHERE[phase]}{why}{ended}", *took)
-                return Cut(phase, why != _DIED, ending, mirror.read() if phase >= Phase.SEARCH else None)
+                return Cut(at, phase, why != _DIED, ending, mirror.read() if phase >= Phase.SEARCH else None)
             if kind == "raised":
                 raise found.rebuilt()
             run, may_go_on = found
