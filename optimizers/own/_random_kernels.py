@@ -22,7 +22,6 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 STREAMS = 32
 WHOLE = 1 << 32  # values of a half word
-_STEPS = 4
 _UNIT = 1.0 / 9007199254740992.0  # 2^-53
 
 
@@ -39,24 +38,9 @@ def _wrapping(function: F) -> F:
 
 @_wrapping
 def words(state: State, count: int) -> Words:
-    """Advance all streams; return at least `count` random words, shape (multiple of 32,).
-
-    Four steps at a time, as most of a step's time goes into loading and storing the state.
-    """
-    blocks = -(-count // STREAMS)
-    drawn = np.empty(blocks * STREAMS, dtype=np.uint64)
-    whole = blocks - blocks % _STEPS
-    for first in range(0, whole * STREAMS, _STEPS * STREAMS):
-        out = drawn[first : first + _STEPS * STREAMS]
-        for i in range(STREAMS):
-            s0, s1, s2, s3 = state[i], state[STREAMS + i], state[2 * STREAMS + i], state[3 * STREAMS + i]
-            a, s0, s1, s2, s3 = _step(s0, s1, s2, s3)
-            b, s0, s1, s2, s3 = _step(s0, s1, s2, s3)
-            c, s0, s1, s2, s3 = _step(s0, s1, s2, s3)
-            d, s0, s1, s2, s3 = _step(s0, s1, s2, s3)
-            out[i], out[STREAMS + i], out[2 * STREAMS + i], out[3 * STREAMS + i] = a, b, c, d
-            state[i], state[STREAMS + i], state[2 * STREAMS + i], state[3 * STREAMS + i] = s0, s1, s2, s3
-    for first in range(whole * STREAMS, blocks * STREAMS, STREAMS):
+    """Advance all streams; return at least `count` random words, shape (multiple of 32,)."""
+    drawn = np.empty(-(-count // STREAMS) * STREAMS, dtype=np.uint64)
+    for first in range(0, drawn.shape[0], STREAMS):
         out = drawn[first : first + STREAMS]
         for i in range(STREAMS):
             s0, s1, s2, s3 = state[i], state[STREAMS + i], state[2 * STREAMS + i], state[3 * STREAMS + i]
