@@ -345,26 +345,23 @@ class Receiver:
     """Our end of the line to a child that was just started: also where what it leaves behind holds its end open."""
 
     def __init__(self, child: Child) -> None:
-        self._connection, self._ends = child.connection, list[int]()
+        self.connection, self._ends = child.connection, list[int]()
         with suppress(AttributeError, OSError):  # where there is no such thing the line alone tells that it has ended
             self._ends.append(os.pidfd_open(child.process.pid))  # type: ignore[union-attr, arg-type]
 
     def poll(self, timeout: float | None = 0.0) -> bool:
         """Tell whether `recv` would return, or raise, at once; wait for that at most `timeout` seconds (None: ever)."""
-        return bool(wait([self._connection, *self._ends], None if timeout is None else min(timeout, _LONGEST)))
+        return bool(wait([self.connection, *self._ends], None if timeout is None else min(timeout, _LONGEST)))
 
     def recv(self) -> Any:
         """Return the next message. Raises `EOFError` where the child ended without a further one."""
         self.poll(None)
-        if not self._connection.poll():  # it has ended, and all that it has said was read
+        if not self.connection.poll():  # it has ended, and all that it has said was read
             raise EOFError("the process ended")
         try:
-            return self._connection.recv()
+            return self.connection.recv()
         except ConnectionError:
             raise EOFError("the process ended") from None
-
-    def send(self, message: Any) -> None:
-        self._connection.send(message)
 
     def close(self) -> None:
         while self._ends:

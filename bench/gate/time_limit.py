@@ -281,7 +281,7 @@ class Runner:
             began, cpu = perf_counter(), children_cpu()
             mirror.enter(Phase.BUILDING, inf)
             try:
-                self._line.send((request, limit))
+                self._line.connection.send((request, limit))
                 kind, found = "told", cast(Any, None)
                 while kind == "told" and not (why := _wait(self._line, mirror)):
                     kind, found = self._line.recv()
