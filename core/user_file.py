@@ -98,6 +98,11 @@ def load(file: Path) -> ModuleType:
     return module
 
 
+def loaded() -> tuple[ModuleType, ...]:
+    """Return the modules of all files that `load` has loaded."""
+    return tuple(_LOADED.values())
+
+
 @contextmanager
 def as_loaded() -> Iterator[None]:
     """Keep to the code that is loaded: a sweep does not change its code where a file is edited under it."""

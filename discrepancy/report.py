@@ -11,6 +11,7 @@ from typing import Any, Literal, cast, final, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.by_value import by_value
 from calibench.core.notes import Note
 from calibench.core.plain import finite, value_of
 from calibench.core.tables.cells import between, factor_to_base, is_unit
@@ -396,6 +397,7 @@ class Report:
     across: tuple[Carried, ...] = ()
     candidates: tuple[Candidate, ...] = field(default=(), repr=False)
     fitted: Fitted | None = field(default=None, repr=False, compare=False)
+    __reduce__ = by_value
 
     @property
     def model(self) -> ResidualProblem:

@@ -16,6 +16,7 @@ from typing import Any, Protocol, cast, final, runtime_checkable
 
 import numpy as np
 
+from calibench.core.by_value import by_value
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData, gaps_in_words
 from calibench.discrepancy.registries import GENERAL, effects, load_shipped
@@ -217,6 +218,7 @@ class EffectFamily:
     code: str = ""
     never_negative: str = ""
     bounds: tuple[str, ...] = ()
+    __reduce__ = by_value
 
     def names_in(self, formulation: Formulation) -> tuple[str, ...]:
         return self.targets if self.targets_in is None else self.targets_in(formulation)
@@ -356,6 +358,7 @@ class LinearEffect:
     span: float = math.nan
 
     shift = linear_shift
+    __reduce__ = by_value
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         return self.changes(q, data)

@@ -14,6 +14,7 @@ from typing import final
 import numpy as np
 from scipy.special import chdtri
 
+from calibench.core.by_value import by_value
 from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities
 from calibench.discrepancy.model.measured import DataError, kinds_of
@@ -30,6 +31,7 @@ class Model:
 
     formulation: Formulation
     effects: tuple[Effect, ...] = ()
+    __reduce__ = by_value
 
     def with_effects(self, *effects: Effect) -> Model:
         """Return the model with `effects` added behind those it has."""
