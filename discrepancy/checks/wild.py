@@ -133,6 +133,7 @@ _EXACT = 1e-10  # times the misfit of shuffled readings, or the numbers of a row
 _LARGEST = 4.0  # times the noise: the largest misfit of some hundred shuffled readings of noise alone
 _MOST_OUT = 0.05  # part of the rows that may be so far off
 Cure = tuple[str, float]  # a change that brings the readings to the model, in words, and the misfit after it
+_BESIDE_START = 0.08  # of the misfit of shuffled readings: where a machine finds its start, sound ones have .05
 _LOW = 0.25  # of the stated noise: if calibration leaves less, numbers are in another unit than it
 _FALLS = 2.0  # times less than what is left, or by one mistake less: what a model lacks may do less
 _PAIRED = ("rad", "deg", "h", "mm", "m", "cm", "inch")  # units in which tables of whole machines are written
@@ -267,7 +268,10 @@ def formulated(machine: Machine, data: MeasuredData, unnamed: bool = False) -> F
         )
     known = description_of(machine.name)
     read = [column for column in known.columns if column.name in known.read_from and column.name in data]
-    if made is not None and {column.name for column in read} <= {*made.readings, *inputs_of(made)}:
+    as_read = made is not None and {column.name for column in read} <= {*made.readings, *inputs_of(made)}
+    if read and (as_read or made is None):
+        _refuse_start(machine, data, made, read, str(refused or ""))
+    if made is not None and as_read:
         return made  # `refuse_wild` looks at these
     off = 0.0  # what calibration leaves, in deviations of the noise, rms
     if made is not None:
@@ -284,6 +288,55 @@ def formulated(machine: Machine, data: MeasuredData, unnamed: bool = False) -> F
     return made
 
 
+def _changes_of_table(
+    machine: Machine, data: MeasuredData, read: Sequence[Quantity]
+) -> tuple[list[_Change], list[tuple[str, ...]]]:
+    """Return what one mistake may have made of the columns `read`, and these by what they have in common."""
+    known = description_of(machine.name)
+    table = {column.name: data[column.name] for column in read if data[column.name].dtype.kind in "iuf"}
+    unit_of = {column.name: column.unit for column in read if column.name in table}
+    parts = {part: None for name in table for part in name.split("_")}
+    groups = [tuple(name for name in table if part in name.split("_")) for part in parts]
+    groups += [tuple(n for n in table if unit_of[n] == unit) for unit in dict.fromkeys(unit_of.values())]
+    groups = [*dict.fromkeys(groups)]
+    together = [*dict.fromkeys((*groups, *((name,) for name in table)))]
+    changes = [one for one in _changes(table, unit_of, together, groups, data, known.own_units) if one.unit in _USUAL]
+    changes += [one for names in groups if len(names) < len(table) for one in _a_row_off(table, names)]
+    return changes, groups
+
+
+def _refuse_start(
+    machine: Machine, data: MeasuredData, made: Formulation | None, read: Sequence[Quantity], refused: str
+) -> None:
+    """Raise `DataError` for a table of which the machine finds a start that is far nearer to it without a mistake.
+
+    `made` is what it makes of the table as it stands, None where it `refused`. The likelier mistakes come first.
+    """
+
+    def misfit(changes: Mapping[str, Numbers]) -> float:
+        few = np.unique(np.linspace(1, len(data) - 2, min(len(data), _ROWS)).astype(int))
+        try:
+            there = machine.formulate(data.with_columns(changes).rows(few))
+            return _misfit(there, Model(there).quantities()[0])
+        except DataError:
+            return np.inf
+
+    now = np.inf if made is None else _misfit(made, Model(made).quantities()[0])
+    if not now > _BESIDE_START:
+        return
+    changes = _changes_of_table(machine, data, read)[0]
+    first = [one for one in changes if len(one.columns) > 1 and not one.late]
+    for some in (first, [one for one in changes if one not in first]):
+        left = {one: misfit(one.columns) for one in some}
+        best = min(left.values(), default=np.inf)
+        if best < min(_NEAR, now / _BETTER):
+            cures = [one.words for one, rest in left.items() if rest <= _ALIKE * best][:_CURES]
+            near = f"near to it ({plain(best, 2)})"
+            far = f"{data.name}: the readings are far from the model ({plain(now, 2)} of the misfit of shuffled ones)"
+            said = f"{refused}; the readings are {near}" if refused else f"{far}, and {near}"
+            raise DataError(f"{said} {'; or as near '.join(cures)}")
+
+
 def _cures_of_table(
     machine: Machine, data: MeasuredData, made: Formulation | None, read: Sequence[Quantity], off: float
 ) -> tuple[str, list[str]]:
@@ -291,15 +344,7 @@ def _cures_of_table(
 
     `made` is what the machine makes of the table as it stands, None where it refuses, and `off` what that leaves.
     """
-    known = description_of(machine.name)
-    table = {column.name: data[column.name] for column in read if data[column.name].dtype.kind in "iuf"}
-    unit_of = {column.name: column.unit for column in read if column.name in table}
-    parts = {part: None for name in table for part in name.split("_")}
-    groups = [tuple(name for name in table if part in name.split("_")) for part in parts]
-    groups += [tuple(n for n in table if unit_of[n] == unit) for unit in dict.fromkeys(unit_of.values())]
-    together = [*dict.fromkeys((*groups, *((name,) for name in table)))]
-    changes = [one for one in _changes(table, unit_of, together, groups, data, known.own_units) if one.unit in _USUAL]
-    changes += [one for names in groups if len(names) < len(table) for one in _a_row_off(table, names)]
+    changes, groups = _changes_of_table(machine, data, read)
     left = partial(_left, machine, data, stands=made is not None)
     now = np.inf if made is None else left(())
     count = np.inf if made is None else Model(made).residuals(Model(made).start).size
@@ -421,6 +466,7 @@ class _Change:
     columns: Mapping[str, Numbers]
     unit: str = ""
     factor: float = 1.0
+    late: bool = False
 
 
 def _changes(
@@ -442,9 +488,9 @@ def _changes(
                 way_out = f"the unit that is stated is wrong by this factor; units={missing} states another"
             words = f"if {', '.join(names)} {'is' if one else 'are'} multiplied by {factor:.6g}: {way_out}"
             yield _Change(words, {name: factor * np.asarray(columns[name]) for name in names}, other, factor)
-        if one:
-            words = f"if {names[0]} is multiplied by -1: it counts the other way round"
-            yield _Change(words, {names[0]: -np.asarray(columns[names[0]])})
+        are, counts = ("is", "it counts") if one else ("are", "they count")
+        words = f"if {', '.join(names)} {are} multiplied by -1: {counts} the other way round"
+        yield _Change(words, {name: -np.asarray(columns[name]) for name in names})
     for name, other in dict.fromkeys(pair for names in alike for pair in combinations(names, 2)):
         words = f"if {name} and {other} are exchanged: each may stand under the name of the other"
         yield _Change(words, {name: columns[other], other: columns[name]})
@@ -454,7 +500,7 @@ def _a_row_off(columns: Mapping[str, Numbers], names: tuple[str, ...]) -> Iterat
     are, come = ("is", "it comes") if len(names) == 1 else ("are", "they come")
     for rows, after, late in ((1, "after", "late"), (-1, "before", "early")):
         words = f"if {', '.join(names)} {are} taken from the row {after}: {come} a row {late}"
-        yield _Change(words, {name: np.roll(columns[name], -rows) for name in names})
+        yield _Change(words, {name: np.roll(columns[name], -rows) for name in names}, late=True)
 
 
 def _changed(

@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 
+from benchmarks.blind.gpm2002.simulate import case
 from calibench.bench import read_measured
 from calibench.discrepancy import DataError, MeasuredData, Predicted, explain, machines
 from calibench.discrepancy.checks.validate import refuse_mistaken, validate
@@ -91,6 +92,24 @@ def test_what_a_machine_lacks_is_no_mistake_of_its_table():
     refuse_mistaken(machines.make("mount"), of_night())
     bowed = PRINTER.columns["height"] + 0.3 * np.sin(np.arange(len(PRINTER.columns["height"])))
     refuse_mistaken(machines.make("delta"), of_printer(height=bowed))
+
+
+@pytest.mark.parametrize(
+    ("tracked", "change", "said"),
+    [
+        (True, lambda c: {"enc_1": c["enc_2"], "enc_2": c["enc_1"]}, "enc_1 and enc_2 are exchanged"),
+        (True, lambda c: {n: -c[n] for n in ("enc_1", "enc_2", "enc_3")}, "enc_1, enc_2, enc_3 are multiplied by -1"),
+        (True, lambda c: {n: c[n] / 1000 for n in "xy"}, 'units={"x": "m", "y": "m"}'),
+        (True, lambda c: {"enc_1": np.roll(c["enc_1"], 1)}, "enc_1 is taken from the row after"),
+        (False, lambda c: {"enc_1": c["enc_2"], "enc_2": c["enc_1"]}, "enc_1 and enc_2 are exchanged"),
+    ],
+    ids=["exchanged", "all signs", "metres", "a row late", "angles alone"],
+)
+def test_readings_of_a_machine_that_finds_its_own_start_are_told_with_what_cures_them(tracked, change, said):
+    made = case(5, family="backlash", lam=3.0, noise="gauss", xy=tracked)
+    line = refusal("gpm2002", MeasuredData({**made.columns, **change(made.columns)}, "gpm2002", made.metadata, "run"))
+    assert said in line
+    assert "is added to enc_3" not in line
 
 
 class CoreXY:
