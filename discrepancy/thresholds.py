@@ -135,7 +135,7 @@ class Thresholds:
         "effect may have it")  # fmt: skip
     largest_scale: float = _of(0.5, JUDGED, "1", "scale error beyond which a column is in another unit or not read, so "
         "no effect may have it")  # fmt: skip
-    largest_ratio: float = _of(0.2, JUDGED, "1", "largest error of a scale or a gear ratio that an effect may have")
+    largest_ratio: float = _of(0.2, JUDGED, "1", "largest error of a scale, a gear ratio or, in rods, a delta's length")
     largest_play: float = _of(0.05, JUDGED, "rad", "play of a drive: 3 degrees are seen by the eye and felt by the "
         "hand, so no effect may have more")  # fmt: skip
     largest_windup: float = _of(0.05, JUDGED, "rad", "by which the largest torque that was met may twist a drive, or "

@@ -22,7 +22,7 @@ def each_tower(quantity: str) -> dict[str, tuple[str, ...]]:
     return {f"tower {t}": (f"{quantity}_{t}",) for t in TOWERS}
 
 
-_BOUNDS = {"1": "largest_scale", "rad": "largest_angle"}  # by the unit of a size
+_BOUNDS = {"1": "largest_scale", "rad": "largest_angle", "mm": "largest_ratio"}  # by the unit of a size; mm: of a rod
 
 
 def constant(
@@ -35,26 +35,27 @@ def constant(
     `same` are the declared twins of a target. Where only heights were measured, those of `SIZE` are twins too.
     """
 
-    bound = _BOUNDS.get(unit, "")
+    bound = _BOUNDS[unit]
 
     def build(formulation: Formulation, target: str) -> Built:
         kind = np.asarray(formulation.data["kind"])
         if of and not (kind == of).any():
             raise NotTestable(f"needs rows of kind {of}", ("kind",))
         rows = dict(zip(targets[target], np.eye(len(targets[target]))))
+        rod = formulation.fixed["arm_a"] if unit == "mm" else 1.0
         alike = (same or {}).get(target, ())
         if target == "all" and name in SIZE and not (kind == "distance").any():
             alike = tuple(f"{twin} all" for twin in SIZE if twin != name)
         return family.linear(
             target, (), dict.fromkeys(rows, unit),
             lambda q, data: {quantity: np.tile(row, (len(data), 1)) for quantity, row in rows.items()}, twins=alike,
-            largest=getattr(thresholds(), bound) if bound else np.inf,
+            largest=getattr(thresholds(), bound) * rod,
         )  # fmt: skip
 
     family = EffectFamily(
         name, "delta", cause, formula=formula, channel=channel, columns=(), unit=unit, targets=tuple(targets),
         build=build, twins=twins, label=label, label_of_all=label_of_all, parted_by=OBJECT if name in SIZE else "",
-        bounds=(bound,) if bound else (),
+        bounds=(bound,),
     )  # fmt: skip
     return family.enter()
 
