@@ -23,6 +23,7 @@ from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from calibench.core.notes import Code
 from calibench.core.tables.cells import factors_near
@@ -142,6 +143,7 @@ _CALM = 1.3  # times the noise: where calibration leaves less, no mistake is loo
 _OF_FEW = 20.0  # constraints: of so few what is left falls twice as far by chance
 _ROWS_A_PARAMETER = 4.0  # at least: of fewer a fit is near to any table
 _FEW = 60  # rows of a table that is formulated many times
+_SHIFTS = 13  # of a zero that are tried over the range of a column on either side
 _TINY = 1e-12  # of a constraint
 _UNKNOWN = {"m": 1000.0, "um": 1e-3, "deg": pi / 180, "rad": 180 / pi}  # units that numbers may be in if none is stated
 
@@ -357,14 +359,36 @@ def _cures_of_table(
         two: dict[tuple[_Change, ...], float] = {pair: left(pair) for pair in pairs}
         if min(two.values(), default=np.inf) < best - falls:
             cures, best = two, min(two.values())
+
+    def enough() -> bool:
+        return best < now - falls and not off * np.exp(best - now) > _FAR_OUT
+
+    if made is not None and np.isfinite(now) and not enough():
+        others = [name for change in changes for name in change.columns if name not in made.readings]
+        others = [name for name in dict.fromkeys(others) if np.isfinite(data[name]).any()]
+        cures = {(one,): left((one,)) for one in (_zero_off(name, data[name], left) for name in others)}
+        best = min(cures.values(), default=np.inf)
     cures = {cure: rest for cure, rest in cures.items() if rest <= best + np.log(_ALIKE)}
-    if not (best < now - falls and not off * np.exp(best - now) > _FAR_OUT):
+    if not enough():
         return "", []
     # so it is in some rows; now in all of them, the wild ones with small weights
     now = np.inf if made is None else left((), surely=True)
     cures = {cure: rest for cure in [*cures][:_CURES] if (rest := left(cure, surely=True)) < now - falls}
     times = plain(np.exp(now - min(cures.values(), default=now)), 2) if made is not None else ""
     return times, [", and ".join(c.words for c in cure) for cure in cures]
+
+
+def _zero_off(name: str, column: Numbers, left: Callable[[tuple[_Change, ...]], float]) -> _Change:
+    """Return the best shift of a column of a table: calibration leaves least with it."""
+
+    def shifted(by: float) -> _Change:
+        words = f"if {plain(by, 3, '+')} is added to {name}: its zero is that far off"
+        return _Change(words, {name: column + by})
+
+    places = (np.nanmax(column) - np.nanmin(column)) * np.linspace(-1.0, 1.0, _SHIFTS)
+    best = int(np.argmin([left((shifted(by),)) for by in places]))
+    low, high = places[max(best - 1, 0)], places[min(best + 1, _SHIFTS - 1)]
+    return shifted(float(minimize_scalar(lambda by: left((shifted(by),)), bounds=(low, high), method="bounded").x))
 
 
 def _left(
