@@ -130,7 +130,11 @@ def read_columns(
         if not of:
             raise DataError(f"states no machine; give machine=NAME, or a {KEY} with one")
         if machine and of.casefold() != machine.casefold():
-            raise DataError(f"is data of machine {of}, and machine={machine} was asked for; write machine={of}")
+            from calibench.discrepancy import machines
+
+            ours = machines.names()  # no other word of a file is proposed
+            way_out = f"write machine={of}" if of.casefold() in ours else f"{of!r} is none of {', '.join(ours)}"
+            raise DataError(f"is data of machine {of}, and machine={machine} was asked for; {way_out}")
         if not machine:
             declared = declared_by(of)
             content = raw if isinstance(raw, Columns) else columns_of(raw, declared)

@@ -393,6 +393,12 @@ def rename(
 
     stated = {targets.get(name, name): unit for name, unit in content.units.items()}
     notes = list(content.notes)
+    for target, source in columns.items():
+        column = there[sources[target]]
+        if all(map(no_value, column.tolist())) if column.dtype.kind == "U" else np.isnan(column.astype(float)).all():
+            notes.append(
+                Note(Code.FILE, f"columns: {target} is to be {source!r}, which is blank in every row", (target,))
+            )
     for source, target in targets.items():
         last = source.rpartition("_")[2]
         tells = source not in (target, last) and len(last) > 1 and (is_unit(last) or last.casefold() == "grad")

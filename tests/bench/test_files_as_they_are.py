@@ -322,6 +322,13 @@ def test_a_wrong_word_about_columns_ends_in_one_line(word, wanted, renamed, tmp_
     assert not (tmp_path / "r").exists()
 
 
+def test_a_named_column_of_blanks_is_told(tmp_path):
+    (tmp_path / "run.csv").write_text("u,amb,y\n1.5,,2\n2.5,,3\n")
+    data = read_measured(tmp_path / "run.csv", "table", columns={"x": "amb"})
+    assert [note.text for note in data.notes] == ["columns: x is to be 'amb', which is blank in every row"]
+    assert data.notes[0].columns == ("x",)
+
+
 def test_names_of_columns_do_not_go_with_a_printed_set():
     code, told = said("discover", "machine=orthoglide", "data=exp2", "columns=leg:Bein")
     assert code == 2

@@ -135,6 +135,7 @@ def test_what_parts_the_cells_is_seen(tmp_path, parted):
         ("# measured_data: []\nenc_1\n1\n", "a JSON object is needed"),
         ('# measured_data: {"schema_version": 9}\nenc_1\n1\n', "schema_version is 9, this version reads 1"),
         ('# measured_data: {"machine": "orthoglide"}\nenc_1\n1\n', "write machine=orthoglide"),
+        ('# measured_data: {"machine": "os:system"}\nenc_1\n1\n', "'os:system' is none of arm, delta, gpm2002"),
         ("split [rad]\ntrain\n", "unit rad, and holds no numbers"),
     ],
 )
