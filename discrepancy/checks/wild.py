@@ -281,7 +281,7 @@ def formulated(machine: Machine, data: MeasuredData, unnamed: bool = False) -> F
         off = float(np.sqrt(np.mean((Model(made).residuals(robust(Model(made), noise)) / noise) ** 2)))
     if made is not None and _LOW < off < (_CALM if unnamed else _FAR_OUT):
         return made
-    times, ways_out = _cures_of_table(machine, data, made, read, off)
+    times, ways_out = _cures_of_table(machine, data, made, read, off, shifts=unnamed and off > _FAR_OUT)
     if ways_out:
         said = f"{refused}; the readings fit it" if refused else f"{data.name}: calibration leaves {times} times less"
         raise DataError(f"{said} {'; or as near '.join(ways_out)}")
@@ -340,11 +340,12 @@ def _refuse_start(
 
 
 def _cures_of_table(
-    machine: Machine, data: MeasuredData, made: Formulation | None, read: Sequence[Quantity], off: float
+    machine: Machine, data: MeasuredData, made: Formulation | None, read: Sequence[Quantity], off: float, shifts: bool
 ) -> tuple[str, list[str]]:
     """Return how many times less calibration leaves of the columns `read` without a mistake or two, and these in words.
 
     `made` is what the machine makes of the table as it stands, None where it refuses, and `off` what that leaves.
+    `shifts`: zeros that are off are looked for too, where no other mistake is found.
     """
     changes, groups = _changes_of_table(machine, data, read)
     left = partial(_left, machine, data, stands=made is not None)
@@ -363,7 +364,7 @@ def _cures_of_table(
     def enough() -> bool:
         return best < now - falls and not off * np.exp(best - now) > _FAR_OUT
 
-    if made is not None and np.isfinite(now) and not enough():
+    if made is not None and shifts and not enough():
         others = [name for change in changes for name in change.columns if name not in made.readings]
         others = [name for name in dict.fromkeys(others) if np.isfinite(data[name]).any()]
         cures = {(one,): left((one,)) for one in (_zero_off(name, data[name], left) for name in others)}
@@ -387,8 +388,9 @@ def _zero_off(name: str, column: Numbers, left: Callable[[tuple[_Change, ...]], 
 
     places = (np.nanmax(column) - np.nanmin(column)) * np.linspace(-1.0, 1.0, _SHIFTS)
     best = int(np.argmin([left((shifted(by),)) for by in places]))
-    low, high = places[max(best - 1, 0)], places[min(best + 1, _SHIFTS - 1)]
-    return shifted(float(minimize_scalar(lambda by: left((shifted(by),)), bounds=(low, high), method="bounded").x))
+    bounds = places[max(best - 1, 0)], places[min(best + 1, _SHIFTS - 1)]
+    xatol = 1e-4 * float(places[1] - places[0])
+    return shifted(float(minimize_scalar(lambda by: left((shifted(by),)), bounds=bounds, options={"xatol": xatol}).x))
 
 
 def _left(
