@@ -12,8 +12,11 @@ import inspect
 import itertools
 import json
 import math
+import signal
+import threading
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from json import dumps
@@ -332,7 +335,8 @@ def members_of(kind: str, overrides: list[Any], time_limit: float | None = None)
         raise RequestError(f"{own}.{name}: {name} is not in this sweep; {suggest(name, choices)}")
     members: list[Member] = []
     for choice in choices:
-        name = _registered_name(kind, choice)
+        with _ended_after(max(asking.PATIENCE, time_limit or 0.0)):
+            name = _registered_name(kind, choice)
         options = [
             (o.key_or_group.removeprefix(prefix), o)
             for o in overrides
@@ -452,6 +456,25 @@ def _choices(kind: str, override: Any) -> list[tuple[str, bool]]:
             raise RequestError(f"{override.input_line}: matches no {kind}; {suggest('', _group(kind))}")
         chosen += [(unquoted(name), isinstance(part, Glob)) for name in names]
     return chosen
+
+
+@contextmanager
+def _ended_after(seconds: float) -> Iterator[None]:
+    """Raise `TimeoutError` in a block that imports a user's module and does not end, where a timer can end it."""
+    if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(*_: object) -> None:
+        raise TimeoutError(f"it did not end within {seconds:g} s; a longer time_limit= gives it more")
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def _registered_name(kind: str, choice: str) -> str:

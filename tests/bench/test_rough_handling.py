@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
+from calibench.bench.execution import request
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
 
@@ -269,3 +271,13 @@ def test_a_word_for_a_flag_that_nobody_annotated_is_refused_as_it_would_count_as
         assert code == 2
         assert f"lid={word}: true or false is needed; a word, whatever it says, counts as true" in out
         assert run_bench(f"{command}kind={word} problem.lid=true")[0] == 0
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timer of the system")
+def test_a_module_whose_import_hangs_ends_in_a_line(run_bench, monkeypatch):
+    monkeypatch.setattr(request, "PATIENCE", 0.5)
+    Path("hangs.py").write_text("import time\ntime.sleep(20)\n")
+    code, told = run_bench("run problem=hangs.py:Mine optimizer=de budget=100 seeds=1")
+    assert code == 2
+    assert "cannot import problem 'hangs.py:Mine': TimeoutError: it did not end within 0.5 s" in told
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
