@@ -211,8 +211,11 @@ def score(answers: Sequence[dict[str, Any]]) -> list[str]:
     return lines
 
 
-def main(verb: str, *words: str) -> None:
+def main(verb: str = "--help", *words: str) -> None:
     """Search a batch, or score files."""
+    if verb not in ("run", "score") or len(words) < (4 if verb == "run" else 1):
+        print(__doc__)
+        return
     if verb == "score":
         lines = [json.loads(line) for file in words for line in Path(file).read_text().splitlines()]
         print(*score([one for one in lines if "verdict" in one and one["verdict"] != "error"]), sep="\n")

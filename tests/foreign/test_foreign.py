@@ -10,7 +10,15 @@ from calibench.discrepancy.fitting.fit import reading_order
 from calibench.discrepancy.registries import machines
 from tests.foreign.causes import FOREIGN, noise
 from tests.foreign.machines import MACHINES
-from tests.foreign.run import case, handed, plainly, told, wilson
+from tests.foreign.run import case, handed, main, plainly, told, wilson
+
+
+@pytest.mark.parametrize("words", [(), ("--help",), ("run", "foreign")])
+def test_the_command_without_a_batch_tells_how_it_is_called(
+    words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(*words)
+    assert "python -m tests.foreign.run run foreign 910000 910060 OUT.jsonl" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("machine", sorted(MACHINES))
