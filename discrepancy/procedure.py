@@ -33,7 +33,7 @@ from calibench.discrepancy.formula import with_formula
 from calibench.discrepancy.labels import quantity_of
 from calibench.discrepancy.model.effect import Catalogue, Effect, has_free_period
 from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.measured import PLACE, MeasuredData, blamable
+from calibench.discrepancy.model.measured import PLACE, DataError, MeasuredData, blamable
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.noise.laws import OF_NOISE, NoiseFinding
@@ -73,8 +73,16 @@ def explain(
         )
     if not isinstance(level, int | float) or not 0 < level < 1:
         raise ValueError(f"level={level}: must lie between 0 and 1")
-    with one_thread(), using(thresholds), keeping_fits():
-        return _explained(machines.make(machine) if isinstance(machine, str) else machine, data, seed, level)
+    machine = machines.make(machine) if isinstance(machine, str) else machine
+    try:
+        with one_thread(), using(thresholds), keeping_fits():
+            return _explained(machine, data, seed, level)
+    except np.linalg.LinAlgError:
+        refuse_mistaken(machine, data)
+        raise DataError(
+            f"{data.name}: calibration leaves the machine so far from the readings that nothing can be searched; does "
+            "each row hold one reading of all columns?"
+        ) from None
 
 
 def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) -> reports.Report:
