@@ -23,7 +23,7 @@ from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.labels import effect_label, part_label, quantity_label
 from calibench.discrepancy.model.effect import is_possible, name_of
 from calibench.discrepancy.model.machine import Formulation
-from calibench.discrepancy.model.roles import inputs_of, roles_of, words_of
+from calibench.discrepancy.model.roles import inputs_of, roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.registries import family_of
 from calibench.discrepancy.report import Finding, Gap, Verdict
 from calibench.discrepancy.search.form import forms_of
@@ -76,7 +76,9 @@ def notes_of(search: Search, given: Iterable[Note]) -> tuple[Note, ...]:
         )
         notes.append(Note(Code.OUTSIDE_BOUNDS, text, values={name: ends[name] for name in out}))
     lost = search.verdict == "unknown" and search.gap.train_before > _FAR_OFF  # noise alone does not cause that
-    if lost and as_far_as_shuffled(formulation, search.base.x):
+    # where the noise is learned, that of columns that do not belong together is as large as they are
+    learned = search.verdict in ("none", "noise") and unknown_noise_of(formulation) and inputs_of(formulation)
+    if (lost or learned) and as_far_as_shuffled(formulation, search.base.x):
         text = (
             "the calibrated model is hardly nearer to the readings than to shuffled ones: are these readings of this "
             "machine, is each column under its own name, and is each row of one reading?"

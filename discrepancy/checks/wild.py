@@ -303,7 +303,7 @@ def _changes_of_table(
     groups = [*dict.fromkeys(groups)]
     together = [*dict.fromkeys((*groups, *((name,) for name in table)))]
     changes = [one for one in _changes(table, unit_of, together, groups, data, known.own_units) if one.unit in _USUAL]
-    changes += [one for names in groups if len(names) < len(table) for one in _a_row_off(table, names)]
+    changes += [one for names in together if len(names) < len(table) for one in _a_row_off(table, names)]
     return changes, groups
 
 

@@ -10,7 +10,8 @@ import pytest
 
 from benchmarks.blind.gpm2002.simulate import case
 from calibench.bench import read_measured
-from calibench.discrepancy import DataError, MeasuredData, Predicted, explain, machines
+from calibench.core.notes import Code
+from calibench.discrepancy import DataError, MeasuredData, Predicted, explain, machines, procedure
 from calibench.discrepancy.checks.validate import refuse_mistaken, validate
 from calibench.problems.base import Parameter
 from tests.independent import delta, mount
@@ -69,8 +70,9 @@ def of_night(**columns):
         (lambda c: {"star_ha": c["star_dec"], "star_dec": c["star_ha"]}, "star_ha and star_dec are exchanged"),
         (lambda c: {"star_ha": -c["star_ha"]}, "if star_ha is multiplied by -1"),
         (lambda c: {n: np.roll(c[n], 1) for n in ANGLES[2:]}, "star_ha, star_dec are taken from the row after"),
+        (lambda c: {"star_dec": np.roll(c["star_dec"], 1)}, "star_dec is taken from the row after"),
     ],
-    ids=["exchanged", "sign", "a row late"],
+    ids=["exchanged", "sign", "a row late", "a column a row late"],
 )
 def test_stars_that_the_mount_cannot_have_pointed_at_are_told_with_what_cures_them(change, said):
     assert said in refusal("mount", of_night(**change(NIGHT.columns)))
@@ -118,6 +120,25 @@ def test_readings_of_a_machine_that_finds_its_own_start_are_told_with_what_cures
     line = refusal("gpm2002", MeasuredData({**made.columns, **change(made.columns)}, "gpm2002", made.metadata, "run"))
     assert said in line
     assert "is added to enc_3" not in line
+
+
+def test_a_search_that_finds_no_numbers_ends_in_a_line(monkeypatch):
+    def broken(*_):  # as of a GPM2002 of which one encoder's rows stand in reverse order
+        raise np.linalg.LinAlgError("177-th leading minor not positive definite")
+
+    monkeypatch.setattr(procedure, "_explained", broken)
+    line = refusal("mount", of_night(), explain)
+    assert line.startswith("night: calibration leaves the machine so far from the readings")
+
+
+def test_nothing_is_missing_only_beside_a_note_where_inputs_tell_nothing():
+    x = np.random.default_rng(4).uniform(0, 10, 120)
+    line = machines.make("table", model="line", inputs=["x"])
+    notes = [
+        {note.code for note in explain(line, MeasuredData({"x": x, "y": y}, "table")).notes}
+        for y in (2 * x + 0.01 * np.sin(99 * x), 2 * x[::-1])
+    ]
+    assert [Code.FAR_FROM_MODEL in codes for codes in notes] == [False, True]
 
 
 class CoreXY:
