@@ -136,6 +136,7 @@ _MOST_OUT = 0.05  # part of the rows that may be so far off
 Cure = tuple[str, float]  # a change that brings the readings to the model, in words, and the misfit after it
 _BESIDE_START = 0.08  # of the misfit of shuffled readings: where a machine finds its start, sound ones have .05
 _LOW = 0.25  # of the stated noise: if calibration leaves less, numbers are in another unit than it
+_LITTLE = 0.5  # the same where a search found no name for it
 _FALLS = 2.0  # times less than what is left, or by one mistake less: what a model lacks may do less
 _PAIRED = ("rad", "deg", "h", "mm", "m", "cm", "inch")  # units in which tables of whole machines are written
 _USUAL = (*_PAIRED, "gon", "")
@@ -279,7 +280,7 @@ def formulated(machine: Machine, data: MeasuredData, unnamed: bool = False) -> F
     if made is not None:
         noise, _ = _noise(made)
         off = float(np.sqrt(np.mean((Model(made).residuals(robust(Model(made), noise)) / noise) ** 2)))
-    if made is not None and _LOW < off < (_CALM if unnamed else _FAR_OUT):
+    if made is not None and (_LITTLE < off < _CALM if unnamed else _LOW < off < _FAR_OUT):
         return made
     times, ways_out = _cures_of_table(machine, data, made, read, off, shifts=unnamed and off > _FAR_OUT)
     if ways_out:

@@ -98,6 +98,16 @@ def test_a_way_whose_zero_is_off_at_one_end_is_told_by_how_much_and_no_rod_is_na
     assert by == pytest.approx({way[:-2]: 25 * per_mm, way: -25 * per_mm}, rel=0.01)
 
 
+def test_a_printer_whose_every_column_is_in_metres_is_told():
+    steps = {n: c / PRINTER.metadata["steps_per_mm"][0] for n, c in PRINTER.columns.items() if n.startswith("steps")}
+    lengths = {n.replace("steps", "travel"): c for n, c in steps.items()}
+    lengths |= {name: PRINTER.columns[name] for name in ("height", "distance")}
+    table = {"kind": PRINTER.columns["kind"]} | {name: column / 1000 for name, column in lengths.items()}
+    line = refusal("delta", MeasuredData(table, "delta", PRINTER.metadata, "printer"), refuse_mistaken)
+    [cure] = re.findall(r"units=(\{.*?\})", line)
+    assert json.loads(cure) == dict.fromkeys(lengths, "m")
+
+
 def test_what_a_machine_lacks_is_no_mistake_of_its_table():
     refuse_mistaken(machines.make("mount"), of_night())
     bowed = PRINTER.columns["height"] + 0.3 * np.sin(np.arange(len(PRINTER.columns["height"])))
