@@ -22,10 +22,9 @@ def _drawable(count):
 def _saved(folder, monkeypatch, cores, drawable):
     monkeypatch.setattr(os, "cpu_count", lambda: cores)
     told = []
-    with drawing.Drawings(drawable, folder, told.append) as drawings:
-        svg = dict(drawings)
-        files = drawings.files()
-    return told, svg, {path.name: path.read_bytes() for path in files}
+    with drawing.drawn(drawable, folder, told.append) as wait:
+        files = wait()
+    return told, files, {path.name: path.read_bytes() for paths in files.values() for path in paths}
 
 
 @pytest.mark.slow
@@ -34,8 +33,8 @@ def test_figures_drawn_at_once_have_the_same_bytes_and_order(tmp_path, monkeypat
     many = _saved(tmp_path / "many", monkeypatch, 3, _drawable(5))
     assert one[2] == many[2]
     assert len(one[2]) == 15
-    assert one[0] == many[0] == list(many[1])[::-1]
-    assert many[1]["figure_2"] == tmp_path / "many" / "figures" / "figure_2.svg"
+    assert one[0] == many[0] == list(many[1])
+    assert many[1]["figure_2"][0] == tmp_path / "many" / "figure_2.svg"
 
 
 @pytest.mark.parametrize("cores", [1, 3])
@@ -55,9 +54,7 @@ def test_what_ends_the_report_ends_the_drawings(tmp_path, monkeypatch):
         time.sleep(60)
 
     began = time.monotonic()
-    drawings = drawing.Drawings([(f"slow_{k}", slow) for k in range(3)], tmp_path, lambda name: None)
-    with pytest.raises(ValueError, match="no table"), drawings:
+    drawable = [(f"slow_{k}", slow) for k in range(3)]
+    with pytest.raises(ValueError, match="no table"), drawing.drawn(drawable, tmp_path, lambda name: None):
         raise ValueError("no table")
     assert time.monotonic() - began < 30
-    with pytest.raises(RuntimeError):
-        drawings.files()

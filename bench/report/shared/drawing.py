@@ -1,7 +1,7 @@
 """What all drawings share: colours, line styles, and how a drawing and its numbers are written side by side.
 
-Colours are Okabe and Ito's, then four of Tol's muted ones; line styles differ as well. `Drawings` are made beside the
-rest of a report: a figure takes half a second, and no figure waits for another.
+Colours are Okabe and Ito's, then four of Tol's muted ones; line styles differ as well. Drawings are made beside the
+rest of a report (`drawn`): a figure takes half a second, and no figure waits for another.
 """
 
 from __future__ import annotations
@@ -9,13 +9,11 @@ from __future__ import annotations
 import os
 import re
 import textwrap
-import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from types import TracebackType
 from typing import Any, final
 
 import numpy as np
@@ -29,7 +27,7 @@ from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.ticker import LogFormatterSciNotation, NullLocator
 
 from calibench.bench.gate.processes import CAN_FORK, WorkerPool
-from calibench.bench.report.shared.kept import NOTHING_KEPT, Kept, digest, state_of_file
+from calibench.bench.report.shared.kept import ENDINGS
 
 Drawing = tuple[Figure, pd.DataFrame]
 Drawable = tuple[str, Callable[[], Drawing]]  # its name, and what draws it
@@ -47,7 +45,6 @@ STYLE: Any = {
     "svg.fonttype": "none",
 }  # fmt: skip
 _DPI = 160  # of the PNG
-_ENDINGS = ("svg", "png", "csv")
 _PACKED = 3  # of 9: 6, which is usual, makes files 7 % smaller in three times the time
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SAME = 1e-5  # of the axis' length: Matplotlib draws no minor tick so near to a major one
@@ -122,7 +119,7 @@ def save(name: str, drawing: Drawing, folder: Path) -> list[Path]:
             if type(of) is LogFormatterSciNotation:
                 put(_Powers(scale.base, of.labelOnlyBase))
     folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / f"{name}.{ending}" for ending in _ENDINGS]
+    paths = [folder / f"{name}.{ending}" for ending in ENDINGS]
     with rc_context(STYLE):
         FigureCanvasAgg(figure)  # one for layout and PNG: a new one would measure all texts anew
         join_minor_ticks(figure)
@@ -197,77 +194,35 @@ def join_minor_ticks(figure: Figure) -> None:
         axis.set_minor_locator(NullLocator())
 
 
-@final
-class Drawings(Mapping[str, Path]):
-    """Drawings by name, as a context: the path of an SVG, there when it is asked for. They are drawn in forked
-    processes, the last first: those of the whole field take the longest. `tell(name)` is called before each wait.
-    Those that are `kept` from the last report, drawn from the same, are not drawn again."""
+@contextmanager
+def drawn(
+    drawable: Sequence[Drawable], folder: Path, tell: Callable[[str], None]
+) -> Iterator[Callable[[], dict[str, list[Path]]]]:
+    """Yield what returns the files of each drawing by its name, drawn meanwhile in forked processes where there are
+    several, the last first: those of the whole field take the longest. `tell(name)` is called before each wait."""
+    backwards = drawable[::-1]
 
-    def __init__(
-        self, drawable: Sequence[Drawable], folder: Path, tell: Callable[[str], None], kept: Kept = NOTHING_KEPT
-    ) -> None:
-        self._folder, self._tell = folder / "figures", tell
-        self._files: dict[str, Future[list[Path]]] = {name: Future() for name, _ in drawable}
-        self.digests = {name: digest(draw) for name, draw in drawable}
-        self._drawable = []
-        for name, draw in drawable:
-            paths, drawn_from = [self._folder / f"{name}.{ending}" for ending in _ENDINGS], self.digests[name]
-            same = [state_of_file(path) == kept.files.get(f"figures/{path.name}", []) for path in paths]
-            if drawn_from and kept.figures.get(name) == drawn_from and all(same):
-                self._files[name].set_result(paths)
-            else:
-                self._drawable.append((name, draw))
-        self._pool: WorkerPool | None = None
-        self._collector = threading.Thread(target=self._collect, name="drawings", daemon=True)
+    def saved(number: int) -> list[Path]:
+        name, draw = backwards[number]
+        return save(name, draw(), folder)
 
-    def files(self) -> list[Path]:
-        """Return the paths of all files of all drawings, when they are there."""
-        return [path for each in self._files.values() for path in each.result()]
+    def collect(take: Callable[[int], list[Path]]) -> dict[str, list[Path]]:
+        files = {}
+        for number, (name, _) in enumerate(backwards):
+            tell(name)
+            files[name] = take(number)
+        return files
 
-    def __enter__(self) -> Drawings:
-        size = min(os.cpu_count() or 1, _MOST, len(self._drawable))
-        if size > 1 and len(self._drawable) >= _WORTH and CAN_FORK:
-            self._pool = WorkerPool(self._saved, size)
-            self._pool.__enter__()
-            self._pool.begin(range(len(self._drawable))[::-1])
-            self._collector.start()
-        else:
-            for number in range(len(self._drawable))[::-1]:
-                name, _ = self._drawable[number]
-                self._tell(name)
-                self._files[name].set_result(self._saved(number))
-        return self
-
-    def __exit__(self, failed: type[BaseException] | None, *_: BaseException | TracebackType | None) -> None:
-        if self._pool is not None:
-            if failed is not None:
-                self._pool.interrupt()
-            self._collector.join()
-            self._pool.close()
-
-    def __getitem__(self, name: str) -> Path:
-        return self._files[name].result()[0]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._files)
-
-    def __len__(self) -> int:
-        return len(self._files)
-
-    def _saved(self, number: int) -> list[Path]:
-        name, draw = self._drawable[number]
-        return save(name, draw(), self._folder)
-
-    def _collect(self) -> None:
-        """Take the answers of the processes as they come; after one that raised the others have nobody to wait for."""
-        assert self._pool is not None
-        for name, _ in self._drawable[::-1]:
-            future = self._files[name]
-            try:
-                self._tell(name)
-                future.set_result(self._pool.take())
-            except BaseException as error:  # of a drawing, or as the processes are ended: whoever asks is told
-                for other in self._files.values():
-                    if not other.done():
-                        other.set_exception(error)
-                return
+    size = min(os.cpu_count() or 1, _MOST, len(drawable))
+    if size < 2 or len(drawable) < _WORTH or not CAN_FORK:
+        files = collect(saved)
+        yield lambda: files
+        return
+    with WorkerPool(saved, size) as pool, ThreadPoolExecutor(1) as collector:
+        pool.begin(range(len(drawable)))
+        collected = collector.submit(collect, lambda _: pool.take())
+        try:
+            yield collected.result
+        except BaseException:
+            pool.interrupt()
+            raise

@@ -22,6 +22,7 @@ from calibench import bench
 from calibench.bench.store.atomic_file import write_whole
 
 RECORD = ".report.json"
+ENDINGS = ("svg", "png", "csv")  # of the files of a figure
 _LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow", "matplotlib", "jinja2")
 _PARTS = ("bench", "calibration", "conf", "core", "discrepancy", "optimizers", "problems")
 State = dict[str, list[int]]
@@ -52,11 +53,13 @@ class Kept:
         """Tell whether every file is as the report left it, and there is no other."""
         return bool(self.text) and self.files == state_of(folder, self.files)
 
+    def has_figure(self, name: str, drawn_from: str, paths: Iterable[Path]) -> bool:
+        """Tell whether the files of a figure are as the report left them, and were drawn from the same."""
+        same = all(state_of_file(path) == self.files.get(f"figures/{path.name}", []) for path in paths)
+        return bool(drawn_from) and self.figures.get(name) == drawn_from and same
+
     def write(self, folder: Path) -> None:
         write_whole(folder / RECORD, json.dumps(asdict(self)).encode())
-
-
-NOTHING_KEPT = Kept()
 
 
 def state_of(folder: Path, names: Iterable[str] = ()) -> State:

@@ -46,14 +46,15 @@ _BROAD = 620.0  # points from which on a drawing scrolls on a small screen rathe
 @final
 @dataclass(frozen=True, kw_only=True)
 class StudyPage:
-    """What a page is made of; `drawings` are name -> SVG path, `about` a sentence on a prepared study, `beside` words
-    -> address of other pages, `captions` of added figures and `together`, of all problems, name -> caption."""
+    """What a page is made of; `drawings()` are name -> files, an SVG first; `about` is a sentence on a prepared study,
+    `beside` words -> address of other pages, `captions` of added figures and `together`, of all problems, name ->
+    caption."""
 
     folder: Path
     runs: pd.DataFrame
     sections: Sequence[FilledSection] = ()
     identifiability: pd.DataFrame = field(default_factory=pd.DataFrame)
-    drawings: Mapping[str, Path] = field(default_factory=dict)
+    drawings: Callable[[], Mapping[str, Sequence[Path]]] = dict
     manifest: Mapping[str, Any] = field(default_factory=dict)
     about: str = ""
     beside: Mapping[str, str] = field(default_factory=dict)
@@ -102,10 +103,9 @@ class StudyPage:
             panels += mine
         # the runs of this sweep that other shards have and this study has not
         others = in_other_shards(self.manifest, {*plain(runs["run_id"])}) if self.manifest else set()
-        beside = {name: caption for name, caption in self.captions.items() if name in self.drawings}
         links = {"all problems together": "#suite", "each problem": "#contents"}
         links |= {section.link: f"#{section.anchor}" for section, _ in self.sections}
-        links |= {"figures beside the runs": "#beside"} if beside else {}
+        links |= {"figures beside the runs": "#beside"} if self.captions else {}
         links |= {"failures": "#failures", "how to do it again": "#again", "where this comes from": "#provenance"}
         origin = html_tables.origin(runs)
         numbers = as_json(explored(panels, self.traces, self.hits, cells, name))
@@ -127,7 +127,7 @@ class StudyPage:
                 (section, [(one.title, html_tables.printed_table(rows, one.column_title)) for one, rows in filled])
                 for section, filled in self.sections
             ],
-            together=self.together, beside=beside, broad=_BROAD, failures=html_tables.failures(runs),
+            together=self.together, beside=self.captions, broad=_BROAD, failures=html_tables.failures(runs),
             commands=[str(command) for command in self.manifest.get("commands", [])],
             report=shlex.join(["bench", "report", str(self.folder)]),
             provenance={
@@ -143,7 +143,7 @@ class StudyPage:
         """Return the page with drawings inside, and links to those beyond `room` characters."""
         inside: dict[str, Inline] = {}
         linked = {}
-        for name, path in self.drawings.items():
+        for name, (path, *_) in self.drawings().items():
             drawing = drawing_inside(path, name)
             size = len(drawing.svg or drawing.png)
             if size <= room:

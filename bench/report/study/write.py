@@ -17,8 +17,8 @@ import pandas as pd
 from calibench import problems
 from calibench.bench.execution.answer import offered
 from calibench.bench.gate.processes import CAN_FORK, WorkerPool
-from calibench.bench.report.shared.drawing import Drawings
-from calibench.bench.report.shared.kept import Kept, State, code, files_named, state_of, state_of_file
+from calibench.bench.report.shared.drawing import drawn
+from calibench.bench.report.shared.kept import ENDINGS, Kept, State, code, digest, files_named, state_of, state_of_file
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.additions import Additions, FilledSection
 from calibench.bench.report.study.explored import groups_of
@@ -102,7 +102,7 @@ def write_report(
     kept, about = Kept.read(store.folder), (study_preset(manifest["study"]) or {}).get("description", "")
     with tables.problems_made_once() as known, _of_problems(runs, additions, known) as asked:
         tell(1, _STEPS, "when each run reached each target")
-        drawn, groups, ranked = with_looks(runs, summary), groups_of(runs), figures.ranked_over_tasks(runs)
+        looking, groups, ranked = with_looks(runs, summary), groups_of(runs), figures.ranked_over_tasks(runs)
         levels, stated = next(asked)  # found meanwhile
         known |= stated
         written = [store.write_hits(levels)]
@@ -110,15 +110,17 @@ def write_report(
         hits = Hits.of(file.read_row_group(i, Hits.COLUMNS) for i in range(file.num_row_groups))
         give_back()
         tell(2, _STEPS, "the tables")
-        together = list(ecdf_figures(drawn, hits, groups))[:_GROUPS]
+        together = list(ecdf_figures(looking, hits, groups))[:_GROUPS]
         drawable = [(name, draw) for name, _, draw in together]
         many = len(runs[PROBLEM].drop_duplicates()) > _MANY
-        drawable += figures.drawable(drawn, traces, additions, _FEW if many else _DRAWN, ranked)
+        drawable += figures.drawable(looking, traces, additions, _FEW if many else _DRAWN, ranked)
         steps = _STEPS + len(drawable)
         at = {name: 3 + i for i, (name, _) in enumerate(reversed(drawable))}  # the last is drawn first
-        drawings = Drawings(drawable, store.folder, lambda name: tell(at.get(name, 3), steps, f"figure {name}"), kept)
+        home, digests = store.folder / "figures", {name: digest(draw) for name, draw in drawable}
+        files_of = {name: [home / f"{name}.{ending}" for ending in ENDINGS] for name, _ in drawable}
+        new = [one for one in drawable if not kept.has_figure(one[0], digests[one[0]], files_of[one[0]])]
         give_back()  # before its processes, which would have it too
-        with drawings:
+        with drawn(new, home, lambda name: tell(at.get(name, 3), steps, f"figure {name}")) as wait:
             identifiability, calibrated, built = next(asked)
             several = len(runs[METHOD].drop_duplicates()) > 1
             named = {
@@ -140,13 +142,13 @@ def write_report(
                 table.to_csv(path, index=False)
                 written.append(path)
             page = StudyPage(
-                folder=store.folder, runs=runs, sections=sections, identifiability=identifiability, drawings=drawings,
-                manifest=manifest, about=about, traces=traces, hits=hits,
+                folder=store.folder, runs=runs, sections=sections, identifiability=identifiability, summary=summary,
+                drawings=lambda: files_of | wait(), manifest=manifest, about=about, traces=traces, hits=hits,
                 beside={words: address for one in additions for words, address in one.links(store.folder).items()},
-                captions={figure.name: figure.caption for one in additions for figure in one.figures}, summary=summary,
+                captions={f.name: f.caption for one in additions for f in one.figures if f.name in files_of},
                 together={name: caption for name, caption, _ in together}, ranked=ranked,
             ).html()  # fmt: skip
-            written += drawings.files()
+            written += [path for paths in (files_of | wait()).values() for path in paths]
     tell(steps - 1, steps, "the page")
     written.append(write_whole(store.folder / "report.html", page.encode()))
     ours = [path.relative_to(store.folder).as_posix() for path in written]
@@ -155,7 +157,7 @@ def write_report(
             (store.folder / name).unlink(missing_ok=True)
     after = state_of(store.folder, finished.files)  # of which what others changed meanwhile is not in the report
     files = {name: after[name] if name in ours else finished.files.get(name, []) for name in after}
-    Kept(code=code(), files=files, written=ours, figures=drawings.digests).write(store.folder)
+    Kept(code=code(), files=files, written=ours, figures=digests).write(store.folder)
     return written
 
 
