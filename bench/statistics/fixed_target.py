@@ -33,7 +33,6 @@ from calibench.bench.store.hits import NEVER
 from calibench.core.options import suggest
 
 TARGET = ["quantity", "target"]
-_COUNTS = ("charged", "charged_after")
 _UNASKED = NEVER - 1  # a target that is none of the run's
 RESAMPLES = 999
 LEVEL = 0.95
@@ -47,7 +46,7 @@ _CELL = [*CELL[:-1], "target_value"]  # the run's own target, beside the target 
 _TASK = [*PROBLEM, "start", "budget", "target_value", *TARGET]
 _NUMBERS = [
     "runs", "reached", "success", "success_low", "success_high", "spent", "ert", "ert_low", "ert_high", "at_least",
-    "ert_earliest", "resampled",
+    "resampled",
 ]  # fmt: skip
 _NEEDED = {
     "run_id", *CELL, "dimension", "repetition", "charged", "best_value", "judged_value", "judged_evaluations",
@@ -59,8 +58,8 @@ _NEEDED = {
 class Runtimes:
     """The runs of one problem against its targets: `at` and `level` are their places in `all_runs` and `all_targets`.
 
-    `spent`, shape (runs,), is what each run was charged; of shape (runs, targets) `charged` and `after` are the counts
-    of `Hits`. What is computed of them has the same shape, and costs memory each time it is asked for.
+    `spent`, shape (runs,), is what each run was charged; `charged`, shape (runs, targets), are the counts of `Hits`.
+    What is computed of them has the same shape, and costs memory each time it is asked for.
     """
 
     all_runs: pd.DataFrame
@@ -69,7 +68,6 @@ class Runtimes:
     level: Counts
     spent: Array
     charged: NDArray[Any]
-    after: NDArray[Any]
 
     @property
     def asked(self) -> Flags:
@@ -86,16 +84,10 @@ class Runtimes:
         """Return what was spent until each target was reached, or in vain."""
         return np.where(self.charged >= 0, self.charged, np.where(self.asked, self.spent[:, None], 0.0))
 
-    @property
-    def least(self) -> Array:
-        """Return the same, where each target was reached right after it surely was not."""
-        return np.where(self.charged >= 0, np.where(self.after >= 0, self.after + 1.0, np.inf), self.paid)
-
     def of(self, rows: Counts | Flags, columns: Counts | Flags) -> Runtimes:
         """Return these of the runs, and against some of the targets."""
-        charged, after = (counts[rows][:, columns] for counts in (self.charged, self.after))
         at, level, spent = self.at[rows], self.level[columns], self.spent[rows]
-        return replace(self, at=at, level=level, spent=spent, charged=charged, after=after)
+        return replace(self, at=at, level=level, spent=spent, charged=self.charged[rows][:, columns])
 
 
 @final
@@ -107,16 +99,15 @@ class _Block:
     run: Counts
     level: Counts
     charged: NDArray[Any]
-    after: NDArray[Any]
 
 
 @final
 @dataclass(frozen=True)
 class Hits:
-    """Hits as numbers, each beside the others of its run: the counts at which a target was surely reached, and surely
-    not yet. In a study of 1e5 runs they are ten million, of which a table takes gigabytes."""
+    """Hits as numbers, each beside the others of its run: the counts at which a target was surely reached. In a study
+    of 1e5 runs they are ten million, of which a table takes gigabytes."""
 
-    COLUMNS: ClassVar = ["run_id", *TARGET, *_COUNTS]
+    COLUMNS: ClassVar = ["run_id", *TARGET, "charged"]
 
     ids: pa.Array
     targets: pd.DataFrame  # columns of `TARGET`
@@ -142,8 +133,8 @@ class Hits:
             place = np.array(
                 [known.setdefault((name, float(values[k])), len(known)) for name, k in pairs], dtype=np.int64
             )
-            counts = [numbers(table[name], NEVER) for name in _COUNTS]
-            most = max(each.max(initial=0) for each in counts)
+            charged = numbers(table["charged"], NEVER)
+            most = charged.max(initial=0)
             few = next(kind for kind in (np.int16, np.int32, np.int64) if most <= np.iinfo(kind).max)
             # where runs with the same levels in the same order stand together, and how many levels they have
             begins = np.flatnonzero(np.diff(run, prepend=-1))
@@ -153,9 +144,8 @@ class Hits:
             new = np.flatnonzero((np.diff(sizes, prepend=0) != 0) | np.logical_or.reduceat(unlike, begins))
             for k, end in zip(new.tolist(), [*begins[new[1:]].tolist(), len(run)]):
                 some, size = slice(int(begins[k]), end), int(sizes[k])
-                charged, after = (each[some].reshape(-1, size).astype(few) for each in counts)
-                at = place[level[some][:size]]
-                blocks.append(_Block(run[some][::size] + sum(map(len, ids)), at, charged, after))
+                counts, at = charged[some].reshape(-1, size).astype(few), place[level[some][:size]]
+                blocks.append(_Block(run[some][::size] + sum(map(len, ids)), at, counts))
             ids.append(named)
         targets = pd.DataFrame(list(known), columns=TARGET).astype({"quantity": str, "target": float})
         return cls(pa.concat_arrays(ids), targets, tuple(blocks))
@@ -168,14 +158,14 @@ class Hits:
             k = np.flatnonzero(chosen[b.level])
             if len(k):  # one beside the other without a copy
                 columns = slice(k[0], k[-1] + 1) if k[-1] - k[0] + 1 == len(k) else k
-                some.append(_Block(b.run, b.level[k], b.charged[:, columns], b.after[:, columns]))
+                some.append(_Block(b.run, b.level[k], b.charged[:, columns]))
         return replace(self, blocks=tuple(some))
 
     def of_runs(self, run_ids: pd.Series) -> Hits:
         """Return the hits of some runs."""
         chosen = np.isin(self.ids.to_numpy(zero_copy_only=False), run_ids)
         parts = [(block, chosen[block.run]) for block in self.blocks]
-        some = [_Block(b.run[k], b.level, b.charged[k], b.after[k]) for b, k in parts if k.any()]
+        some = [_Block(b.run[k], b.level, b.charged[k]) for b, k in parts if k.any()]
         return replace(self, blocks=tuple(some))
 
 
@@ -209,13 +199,12 @@ def runtimes(hits: Hits | pd.DataFrame, runs: pd.DataFrame, instances: Sequence[
         at, row = np.unique(np.concatenate([place for place, *_ in parts]), return_inverse=True)
         level, column = np.unique(np.concatenate([columns for _, columns, *_ in parts]), return_inverse=True)
         kind = np.result_type(*(block.charged.dtype for *_, block, _ in parts))
-        charged, after = np.full((2, len(at), len(level)), _UNASKED, dtype=kind)
+        charged = np.full((len(at), len(level)), _UNASKED, dtype=kind)
         r = c = 0
         for place, columns, block, chosen in parts:
-            here = np.ix_(row[r : r + len(place)], column[c : c + len(columns)])
-            charged[here], after[here] = block.charged[chosen], block.after[chosen]
+            charged[np.ix_(row[r : r + len(place)], column[c : c + len(columns)])] = block.charged[chosen]
             r, c = r + len(place), c + len(columns)
-        yield Runtimes(rows, targets, at, level, spent[at], charged, after)
+        yield Runtimes(rows, targets, at, level, spent[at], charged)
 
 
 def pooled(runs: pd.DataFrame, options: Sequence[str]) -> pd.DataFrame:
@@ -248,10 +237,9 @@ def ert(
 
     Columns: those of `CELL`, the run's own target as target_value; the swept options that `runs` has as columns;
     dimension, quantity, target, runs, reached, success (Wilson's interval), spent, ert (infinite where none reached it;
-    an end of its interval that is infinite, or 1, is not bounded), at_least (spent, where none reached it),
-    ert_earliest (each hit as early as its trace allows), resampled ("runs", or from five on "instances": problems that
-    differ only in the options `instances`). There is no interval where not all runs of a cell have the target, nor
-    where chance has no part.
+    an end of its interval that is infinite, or 1, is not bounded), at_least (spent, where none reached it), resampled
+    ("runs", or from five on "instances": problems that differ only in the options `instances`). There is no interval
+    where not all runs of a cell have the target, nor where chance has no part.
     """
     columns = [str(name) for name in runs.columns]
     swept = [name for name in columns if name.startswith(PREFIXES) and name.partition(".")[2] not in instances]
@@ -286,7 +274,6 @@ def ert(
         "ert_low": np.maximum(ert_low, 1.0),  # nothing is reached without an evaluation
         "ert_high": np.where(ert_high > _BOUNDED * costs, np.inf, ert_high),
         "at_least": np.where(never, spent, np.nan),
-        "ert_earliest": np.where(never, np.inf, column["least"] / one),
         "resampled": np.where(np.isnan(column["low"]), "", column["resampled"]),
     }
     return pd.DataFrame(joined)[[*_CELL, *swept, "dimension", *TARGET, *_NUMBERS]]
@@ -297,7 +284,7 @@ def _sums(runs: pd.DataFrame, whole: Iterable[Runtimes], intervals: bool) -> dic
     cells = by_cell(runs)
     number, chances_of = cells.number, chances(runs, cells)
     instances, repetition = pd.factorize(runs["instance"], sort=True)[0], runs["repetition"].to_numpy()
-    names = ("run", "level", "size", "runs", "chance", "reached", "spent", "least", "resampled")
+    names = ("run", "level", "size", "runs", "chance", "reached", "spent", "resampled")
     parts: dict[str, list[Any]] = {name: [] for name in names}
     units: dict[int, list[_Units]] = {}  # by how many there are
     ends: list[tuple[Counts, Array, Array]] = []
@@ -306,13 +293,13 @@ def _sums(runs: pd.DataFrame, whole: Iterable[Runtimes], intervals: bool) -> dic
         cell, instance = pd.factorize(number[one.at])[0], instances[one.at]
         order = np.lexsort([repetition[one.at], instance, cell])  # in a cell the same for every method
         for rows in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
-            columns, where = _different_columns(one.charged[rows], one.after[rows])
+            columns, where = _different_columns(one.charged[rows])
             mine, starts = one.of(rows, columns), np.flatnonzero(np.diff(instance[rows], prepend=-1))
             won, paid, first = mine.charged >= 0, mine.paid, one.at[rows[0]]
             chance, by_instance = bool(chances_of[number[first]]), len(starts) >= _ENOUGH
             of_cell = {
                 "run": first, "level": one.level, "size": len(rows), "chance": chance,
-                "spent": paid.sum(axis=0)[where], "least": mine.least.sum(axis=0)[where],
+                "spent": paid.sum(axis=0)[where],
                 "reached": won.sum(axis=0)[where], "runs": mine.asked.sum(axis=0)[where],
                 "resampled": "instances" if by_instance else "runs",
             }  # fmt: skip

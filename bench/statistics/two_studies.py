@@ -55,7 +55,7 @@ def compare(
     With `methods` the two are optimisers, and cells are matched whatever their optimiser. Columns are those of the cell
     of the first, other_options (of the second), goal, unit, minimum, and of both (_a, _b) runs, alone (without a
     partner: they are in no number here), outside, reached, charged_to_target, best_median; pairs, test, p, p_holm,
-    p_sign, a12 (how often a run of the second beats one of the first) with its interval, verdict (of the second), why.
+    a12 (how often a run of the second beats one of the first) with its interval, verdict (of the second), why.
     """
     matched, only = _matched(first, second, methods is not None)
     # the runs to compare, and whether they are pairs: as where half of the larger side has a partner
@@ -84,7 +84,7 @@ def compare(
         row |= {"minimum": nan if least is None else float(least)}
         row |= {"runs_a": result.runs[0], "runs_b": result.runs[1], "pairs": result.pairs}
         row |= {"alone_a": len(a) - len(pair[0]), "alone_b": len(b) - len(pair[1]), "test": result.test}
-        row |= {"p": result.p, "p_holm": p, "p_sign": result.sign_p}
+        row |= {"p": result.p, "p_holm": p}
         row |= {"a12": result.effect.a12, "a12_low": result.effect.low, "a12_high": result.effect.high}
         for name, runs, hit in zip("ab", pair, hits, strict=True):  # of the runs that were tested
             row |= {
@@ -172,7 +172,7 @@ class Effect:
 @final
 @dataclass(frozen=True, kw_only=True)
 class Tested:
-    """What a test of two sets of runs says: `p` two-sided, `p_least` the least possible, `sign_p` of the sign test.
+    """What a test of two sets of runs says: `p` two-sided, `p_least` the least possible.
 
     `test`: "equal" in every score, "fact" where neither side has chance in it and both differ, "none" where none can be
     made. `effect` is A12 of the second over the first. `ahead`: 1 where the second is, -1 where the first is, 0 where
@@ -185,7 +185,6 @@ class Tested:
     pairs: int = 0
     p: float = nan
     p_least: float = nan
-    sign_p: float = nan
     ahead: int = 0
 
 
@@ -237,8 +236,12 @@ def two_methods(first: Array, second: Array, paired: bool, chance: tuple[bool, b
         return Tested(test="fact", runs=runs, pairs=pairs, effect=effect, ahead=ahead)
     if not all(chance):
         signs = beside_fixed(first, second) if chance[1] else -beside_fixed(second, first)
-        p, least = _sign(signs), min(1.0, 2.0 ** (1 - len(signs)))
-        return Tested(test="sign", runs=runs, p=p, p_least=least, sign_p=p, effect=effect, ahead=ahead)
+        from scipy.stats import binomtest
+
+        apart = signs[signs != 0]
+        p = float(binomtest(int((apart > 0).sum()), len(apart)).pvalue) if apart.size else 1.0
+        least = min(1.0, 2.0 ** (1 - len(signs)))
+        return Tested(test="sign", runs=runs, p=p, p_least=least, effect=effect, ahead=ahead)
     ranks = order_of(np.concatenate([first, second]))
     if not paired:
         p, least = min(1.0, 2 * min(rank_sum_tails(ranks[:n], ranks[n:]))), min(1.0, 2.0 / comb(n + m, n))
@@ -251,7 +254,6 @@ def two_methods(first: Array, second: Array, paired: bool, chance: tuple[bool, b
         pairs=n,
         p=min(1.0, 2 * min(above, below)),
         p_least=min(1.0, 2.0 ** (1 - n)),
-        sign_p=_sign(difference),
         effect=effect,
         ahead=ahead if ahead == int(np.sign(above - below)) else 0,  # a higher rank is behind
     )
@@ -322,13 +324,6 @@ def beside_fixed(fixed: Array, drawn: Array) -> Array:
     ranks = order_of(np.concatenate([fixed[:1], drawn]))
     signs: Array = np.sign(ranks[1:] - ranks[0])
     return signs
-
-
-def _sign(difference: Array) -> float:
-    from scipy.stats import binomtest
-
-    apart = difference[difference != 0]
-    return float(binomtest(int((apart > 0).sum()), len(apart)).pvalue) if apart.size else 1.0
 
 
 def a12(first: Array, second: Array, paired: bool = False) -> Effect:

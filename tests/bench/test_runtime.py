@@ -28,12 +28,10 @@ def study(costs, spent=1000, method="a", problem="p", options="{}", first=0, dim
         }
     )  # fmt: skip
     rows = [
-        (run_id, "value", 10.0**-j, cost, None if cost is None else cost - 1)
-        for run_id, own in zip(ids, costs, strict=True)
-        for j, cost in enumerate(own)
+        (run_id, "value", 10.0**-j, cost) for run_id, own in zip(ids, costs, strict=True) for j, cost in enumerate(own)
     ]
-    hits = pd.DataFrame(rows, columns=["run_id", "quantity", "target", "charged", "charged_after"])
-    return runs, hits.astype({"charged": float, "charged_after": float})
+    hits = pd.DataFrame(rows, columns=["run_id", "quantity", "target", "charged"])
+    return runs, hits.astype({"charged": float})
 
 
 def both(*studies):
@@ -71,7 +69,7 @@ def test_where_no_run_arrived_only_a_bound_is_known():
 def test_of_runs_that_failed_before_their_first_evaluation_ert_is_infinite():
     runs, hits = study([[None], [None], [None]], spent=0)
     (row,) = ert(hits, runs).to_dict("records")
-    assert (row["ert"], row["ert_earliest"], row["at_least"]) == (np.inf, np.inf, 0)
+    assert (row["ert"], row["at_least"]) == (np.inf, 0)
 
 
 def test_success_has_wilsons_interval():
@@ -90,13 +88,6 @@ def test_without_chance_there_is_no_interval():
     runs["optimizer"], runs["start"] = "lm", "nominal"
     (row,) = ert(hits, runs).to_dict("records")
     assert np.isnan([row["ert_low"], row["ert_high"], row["success_low"]]).all()
-
-
-def test_a_hit_between_two_points_makes_an_earliest_ert():
-    runs, hits = study([[100], [300]])
-    hits["charged_after"] = [40.0, 299.0]
-    (row,) = ert(hits, runs).to_dict("records")
-    assert (row["ert_earliest"], row["ert"]) == (170.5, 200)
 
 
 def test_targets_of_the_runs_are_told_apart_from_those_looked_at():
