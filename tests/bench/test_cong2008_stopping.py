@@ -1,4 +1,4 @@
-"""Section 3.3 over the variants of fmincon: what ends where, the interval of a median, and what follows from states."""
+"""Section 3.3 over the variants of fmincon: the interval of a median, and what follows from states."""
 
 from __future__ import annotations
 
@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibench.bench.papers.cong2008.figures import COLUMNS
-from calibench.bench.papers.cong2008.stopping import MATLAB, VARIANTS, Judged, Variant, ends, plan, verdict_of
+from calibench.bench.papers.cong2008.stopping import MATLAB, VARIANTS, Judged, Variant, options_of, plan, verdict_of
 from calibench.bench.papers.ledger import Verdict, problem as make_problem
 from calibench.optimizers.fmincon import fmincon
-from tests.few import few
 
 BELOW, KIND, BOTH, ABOVE = [0.1] * 15, [0.6] * 15, [0.1] * 8 + [2.0] * 7, [2.0] * 15
 
@@ -26,33 +24,9 @@ class Times:
         return self.factor * float(self.problem(x))
 
 
-def fmincon_options(variant: Variant) -> dict[str, Any]:
-    """Return the options of `fmincon` that make it this variant, with the tolerances that were MATLAB's defaults."""
-    options: dict[str, Any] = {
-        "OptimalityTolerance": 0.0 if variant.stop == "after_step" else 1e-6,  # that of 1998 had no such test
-        "StepTolerance": 1e-6, "FiniteDifferenceStepRule": variant.step, "ScaleVariables": False,
-        "MaxIterations": 400, "DiffMinChange": 1e-8, "DiffMaxChange": 0.1,
-    }  # fmt: skip
-    if variant.stop != "relative":
-        options |= {"StopRule": "absolute", "StopPlace": variant.stop, "FunctionTolerance": 1e-6}
-    return options
-
-
 def kmrmse(problem: Any, fun: Any, variant: Variant) -> tuple[float, int]:
-    found = fmincon(fun, problem.start, lb=problem.lower, ub=problem.upper, options=fmincon_options(variant))
+    found = fmincon(fun, problem.start, lb=problem.lower, ub=problem.upper, options=options_of(variant))
     return problem.merit(found.x)["kmrmse"], found.output.iterations
-
-
-@pytest.mark.parametrize(
-    ("key", "number"), few(2, [("table2.j1_n3", -1), ("table2.j2_n9", 1), ("table3.j2", -1), ("table3.j3", -1)])
-)
-def test_one_search_ends_for_each_stop_where_its_options_end_one(key: str, number: int) -> None:
-    name, options = COLUMNS[key]
-    asked = tuple(sorted((options | plan(name, number)).items()))
-    built = make_problem(name, **dict(asked))
-    for variant in VARIANTS:
-        end = ends(name, asked, variant.step)[variant.stop]
-        assert (end["kmrmse"], end["iterations"]) == kmrmse(built, built, variant), variant
 
 
 def judged(releases: list[list[float]], relative: tuple[list[float], list[float]]) -> list[Judged]:

@@ -1,7 +1,6 @@
 """Section 3.3 of Cong et al. 2008 under each variant of `fmincon`, because the paper does not print its release.
 
-A variant is a rule of the difference step, a stopping test and its place (`optimizers.fmincon.options`); those that
-differ in the test alone pass the same points, so one search that goes on until all tests are met gives their ends.
+A variant is a rule of the difference step, a stopping test and its place (`optimizers.fmincon.options`).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,9 +14,9 @@ from typing import Any, Literal, final
 import numpy as np
 
 from calibench.bench.papers.cong2008.figures import COLUMNS
-from calibench.bench.papers.ledger import Array, Evidence, Ours, Printed, Row, Ruling, Verdict, problem as make_problem
-from calibench.optimizers.fmincon import OptimValues, fmincon
-from calibench.optimizers.fmincon.options import StopPlace, absolute_stop
+from calibench.bench.papers.ledger import Evidence, Ours, Printed, Row, Ruling, Verdict, problem as make_problem
+from calibench.optimizers.fmincon import fmincon
+from calibench.optimizers.fmincon.options import StopPlace
 
 Stop = Literal["relative"] | StopPlace
 End = Mapping[str, float]  # where a stop ends a search: kmrmse [mm], iterations, and the calibrated values by name
@@ -103,53 +102,26 @@ def verdict_of(judged: Sequence[Judged]) -> Verdict:
     return "reproduced" if {*releases, *controls} == {"true"} else "reproduced in kind"
 
 
+def options_of(variant: Variant) -> dict[str, Any]:
+    """Return the options of `fmincon` that make it this variant, with the tolerances that were MATLAB's defaults."""
+    options: dict[str, Any] = {
+        "OptimalityTolerance": 0.0 if variant.stop == "after_step" else _TOLERANCE,  # that of 1998 had no such test
+        "StepTolerance": _TOLERANCE, "FiniteDifferenceStepRule": variant.step, "ScaleVariables": False,
+        "MaxIterations": 400, "DiffMinChange": 1e-8, "DiffMaxChange": 0.1,  # MATLAB's until 2010
+    }  # fmt: skip
+    if variant.stop != "relative":
+        options |= {"StopRule": "absolute", "StopPlace": variant.stop, "FunctionTolerance": _TOLERANCE}
+    return options
+
+
 @cache
-def ends(problem: str, options: tuple[tuple[str, Any], ...], step: str) -> Mapping[Stop, End]:
-    """Return where each stop ends the search on a problem with these options from its printed start."""
+def end(problem: str, options: tuple[tuple[str, Any], ...], variant: Variant) -> End:
+    """Return where a variant ends the search on a problem with these options from its printed start."""
     built = make_problem(problem, **dict(options))
-    points: list[tuple[float, Array, Array]] = []  # value, place, and gradient of each iterate
-    met: dict[Stop, tuple[Array, int]] = {}
-
-    def end(stop: Stop, iterations: int) -> None:
-        # at the point of the lowest value so far: all are feasible, as there are bounds and nothing else
-        met.setdefault(stop, (min(points, key=lambda point: point[0])[1], iterations))
-
-    def watch(x: Array, now: OptimValues, state: str) -> bool:
-        """Follow the search past every stop, note which are met at the iterate x, and tell whether all have been."""
-        if state == "done":
-            return False
-        d, g, before = now.searchdirection, now.gradient, points[-1][2] if points else None
-        if d is not None and before is not None:
-            shortest = now.lssteplength * float(before @ d)  # of the steps that the line search tried
-            if absolute_stop(d, shortest, _TOLERANCE, _TOLERANCE):
-                end("before_step", now.iteration - 1)
-        points.append((now.fval, x, g))
-        if d is not None and before is not None and absolute_stop(d, float(before @ d), _TOLERANCE, 2 * _TOLERANCE):
-            end("after_step", now.iteration)
-        if now.firstorderopt <= _TOLERANCE:
-            for stop in ("relative", "next_gradient", "before_step"):
-                met.setdefault(stop, (x, now.iteration))
-        if d is not None and absolute_stop(d, float(g @ d), _TOLERANCE, 2 * _TOLERANCE):
-            end("next_gradient", now.iteration)
-        if len(points) > 1 and float(np.max(np.abs(x - points[-2][1]) / (1.0 + np.abs(x)))) <= _TOLERANCE:
-            end("relative", now.iteration)
-        return len(met) == len(STOPS)
-
-    fmincon(
-        built, built.start, lb=built.lower, ub=built.upper,
-        options={
-            "OptimalityTolerance": 0.0, "StepTolerance": 0.0, "OutputFcn": watch, "FiniteDifferenceStepRule": step,
-            "ScaleVariables": False, "MaxIterations": 400, "DiffMinChange": 1e-8, "DiffMaxChange": 0.1,
-        },
-    )  # fmt: skip  # the changes are MATLAB's defaults until 2010
-    names = [p.name for p in built.parameters]
-    answers = {}
-    for stop in STOPS:
-        end(stop, len(points) - 1)  # one that was not met ends where the search did
-        x, iterations = met[stop]
-        values = dict(zip(names, map(float, built.physical(x)), strict=True))
-        answers[stop] = {"kmrmse": built.merit(x)["kmrmse"], "iterations": float(iterations), **values}
-    return answers
+    found = fmincon(built, built.start, lb=built.lower, ub=built.upper, options=options_of(variant))
+    names, values = (p.name for p in built.parameters), map(float, built.physical(found.x))
+    merit = {"kmrmse": built.merit(found.x)["kmrmse"], "iterations": float(found.output.iterations)}
+    return merit | dict(zip(names, values, strict=True))
 
 
 def plan(problem: str, number: int) -> dict[str, Any]:
@@ -163,7 +135,7 @@ def column(key: str, variant: Variant) -> list[End]:
     """Return the ends of a column of Tables 2 to 4 under a variant, one for each plan."""
     problem, options = COLUMNS[key]
     asked = [tuple(sorted((options | plan(problem, number)).items())) for number in range(-1, PLANS[problem] - 1)]
-    return [ends(problem, one, variant.step)[variant.stop] for one in asked]
+    return [end(problem, one, variant) for one in asked]
 
 
 _OVER_VARIANTS = (
