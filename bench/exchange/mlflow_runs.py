@@ -13,9 +13,9 @@ from typing import Any
 
 import pandas as pd
 
-from calibench.bench.exchange.studies import Study, algorithm_names, course_of, gap_of_level, records, traces_by_run
+from calibench.bench.exchange.studies import Study, course_of, gap_of_level, records, traces_by_run
 from calibench.bench.statistics.cells import CELL
-from calibench.bench.statistics.names import problem_titles
+from calibench.bench.statistics.names import method_labels, problem_titles
 from calibench.bench.store.manifest import read_notes
 from calibench.core.seeds import digest
 from calibench.core.words import counted
@@ -69,7 +69,7 @@ def write_mlflow(study: Study, to: str) -> list[str]:
                 else:
                     known[found[_RUN]] = run.info.run_id
         token = page.token or None
-    names, titles = algorithm_names(runs), problem_titles(runs)
+    names, titles = method_labels(runs), problem_titles(runs)
     traces = traces_by_run(study.traces)
     added = 0
     for key, cell in runs.groupby(CELL, sort=False, dropna=False):

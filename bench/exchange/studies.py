@@ -32,8 +32,7 @@ from calibench.bench.execution.run_row import COLUMNS, SCHEMA_VERSION
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical, options_as_asked
 from calibench.bench.statistics.cells import METHOD, PROBLEM
-from calibench.bench.statistics.names import setting_text, several
-from calibench.bench.statistics.summary import method_names
+from calibench.bench.statistics.names import method_labels
 from calibench.bench.store.atomic_file import temporary_name
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
@@ -98,24 +97,13 @@ def run_records(study: Study) -> list[RunRecord]:
             row, name, options[row["problem_options"]],
             course_of(row, traces.get(row["run_id"])) if row["status"] != "failed" else [],
         )
-        for row, name in zip(rows, algorithm_names(study.runs), strict=True)
+        for row, name in zip(rows, method_labels(study.runs), strict=True)
     ]  # fmt: skip
 
 
 def records(runs: pd.DataFrame) -> list[dict[str, Any]]:
     """Return rows as mappings from the names of their columns."""
     return [{str(name): value for name, value in row.items()} for row in runs.to_dict("records")]
-
-
-def algorithm_names(runs: pd.DataFrame) -> pd.Series:
-    """Return what each row's algorithm is called: its method, and what else differs between its runs on one problem."""
-    names = method_names(runs)
-    for _, mine in runs.groupby(METHOD, sort=False):
-        columns = sorted({column for _, same in mine.groupby(PROBLEM, sort=False) for column in several(same)})
-        for key, same in mine.groupby(columns, dropna=False) if columns else ():
-            texts = [setting_text(column, value) for column, value in zip(columns, key, strict=True)]
-            names.loc[same.index] = [", ".join([name, *texts]) for name in names.loc[same.index]]
-    return names
 
 
 class Improvement(NamedTuple):

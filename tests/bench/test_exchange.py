@@ -17,16 +17,10 @@ from calibench.bench.commands.compare import _why_none
 from calibench.bench.exchange import tables as latex
 from calibench.bench.exchange.coco import NOT_FINITE
 from calibench.bench.exchange.mlflow_runs import _MEASURED, _metrics
-from calibench.bench.exchange.studies import (
-    algorithm_names,
-    course_of,
-    file_names,
-    gap_of_level,
-    traces_by_run,
-    write_folder,
-)
+from calibench.bench.exchange.studies import course_of, file_names, gap_of_level, traces_by_run, write_folder
 from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.statistics.fixed_target import ecdf
+from calibench.bench.statistics.names import method_labels
 from calibench.bench.store.runs import ResultStore
 from calibench.problems.suites.black_box import COCO_GAPS
 from tests.bench.exchange_studies import Falls, Raised, Trembles, mixed_study, suite_study
@@ -110,7 +104,7 @@ def test_what_is_exported_and_imported_has_the_same_hits(studies, run_bench, nam
     assert code == 0
     before, after = ResultStore(studies / study).runs(), ResultStore("back").runs()
     assert f"{len(before)} published runs of" in out
-    names = algorithm_names(before)
+    names = method_labels(before)
     plain = file_names(sorted(set(names)))
     before = before.assign(library=[plain[name] if name_of_format == "coco" else name for name in names])
     after = after.assign(library=after["optimizer"])
@@ -124,9 +118,9 @@ def test_what_is_exported_and_imported_has_the_same_hits(studies, run_bench, nam
 
 def test_a_budget_that_differs_on_one_problem_names_the_algorithm(studies):
     runs = ResultStore(studies / "mixed").runs()
-    assert set(algorithm_names(runs)) == {"de", "lm, budget 90", "lm, budget 120"}
+    assert set(method_labels(runs)) == {"de", "lm, budget 90", "lm, budget 120"}
     other = runs["budget"].where(runs["problem"] == "full12", 77)  # differs from problem to problem alone
-    told = algorithm_names(runs[runs["optimizer"] == "de"].assign(budget=other))
+    told = method_labels(runs[runs["optimizer"] == "de"].assign(budget=other))
     assert set(told) == {"de"}
 
 

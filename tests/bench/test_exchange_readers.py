@@ -11,8 +11,8 @@ import pytest
 
 from calibench import optimizers, problems
 from calibench.bench.cli import main
-from calibench.bench.exchange.studies import algorithm_names
 from calibench.bench.execution.run import execute
+from calibench.bench.statistics.names import method_labels
 from calibench.bench.store.manifest import Notes, read_notes, write_notes
 from calibench.bench.store.runs import ResultStore
 from calibench.problems.suites.black_box import COCO_GAPS
@@ -85,7 +85,7 @@ def test_iohinspector_lists_the_same_runs_evaluations_and_best_values(suite, mix
             data = manager.load(monotonic=False)
         runs = ResultStore(folder).runs()
         minimum = runs["minimum"].fillna(0.0)
-        ours = zip(algorithm_names(runs), runs["charged"], runs["best_value"] - minimum, strict=True)
+        ours = zip(method_labels(runs), runs["charged"], runs["best_value"] - minimum, strict=True)
         theirs = overview.select("algorithm_name", "evals", "best_y").rows()
         assert sorted(theirs) == sorted(ours)
         last = data.group_by("data_id").agg([column("raw_y").min(), column("evaluations").min()])
