@@ -16,7 +16,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
-from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, entitle, figure_of, look_of, put_legend
@@ -37,10 +37,7 @@ from calibench.core.words import counted
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
 _SEEN = 1500  # cells up to which they have room in one drawing; of more the numbers are in ``overview.csv``
 _LONGEST = 120  # bytes of a file's name, which some options would fill without end
-_HUGE = 1e250  # from which on a margin of a twentieth of all decades, or a step of the ticks, may leave the doubles
-_LEAST = 1e-307  # below it doubles lose digits
-_LARGEST_POWER = 308.3
-_TICKS = 8
+_HUGE = 1e150  # where values beyond stand, as well as smaller ones than its inverse: margins must not leave the doubles
 _LETTER = 0.06  # inches of a letter of a name
 _OVER = 5  # dots at one place, which no more of them make darker
 _NAMED = 12  # methods that get a colour; the others are a grey background
@@ -150,6 +147,8 @@ def draw_convergence(
 ) -> None:
     """Draw the bands of `convergence_bands`: those of the `named` methods in their looks, the others grey."""
     methods = list(dict.fromkeys(drawn["method"]))
+    values = drawn[["q1", "median", "q3"]].clip(-_HUGE, _HUGE)
+    drawn = drawn.assign(**values.mask((values > 0) & (values < 1 / _HUGE), 1 / _HUGE))
     below: list[NDArray[np.float64]] = []  # lower quartiles
     for method in sorted(methods, key=lambda m: m in named):
         band = drawn[drawn["method"] == method]
@@ -173,31 +172,11 @@ def draw_convergence(
     scale = known.scale(np.concatenate([lines, *below]))
     if not seen.size:  # nothing found a value
         axes.set_xlim(1, max([10.0, *drawn["charged"]]))
-    axes.set(xscale="log", xlabel="charged evaluations")
-    _set_scale(axes, scale)
+    axes.set(xscale="log", yscale=scale, xlabel="charged evaluations")
     if scale == "log" and not seen.all():  # zero has no place on such an axis: the line leaves at the bottom
         axes.set_ylim(bottom=seen[seen > 0].min() / 10)
         axes.annotate("a line that leaves here is at 0", (0.02, 0.02), xycoords="axes fraction", **_NOTE)
     axes.set_ylabel(known.axis)
-
-
-def _set_scale(axes: Any, scale: str) -> None:
-    """Set the scale of the value axis, and where values come near the largest or least double also limits and ticks."""
-    low, high = axes.dataLim.intervaly
-    low = max(axes.dataLim.minposy, _LEAST) if scale == "log" else low
-    is_far = max(-low, high) > _HUGE or (scale == "log" and low < 1 / _HUGE)
-    if scale == "linear" or not np.isfinite([low, high]).all() or not is_far:
-        axes.set(yscale=scale)
-        return
-    axes.set_ylim(low, high)  # before the scale, which would ask for margins
-    axes.set(yscale=scale)
-    first = np.log10(low) if scale == "log" else 0.0
-    step = max(1, int(np.ceil((np.log10(max(-low, high)) - first) / _TICKS)))
-    powers = np.arange(step * np.ceil(first / step), _LARGEST_POWER, step)
-    places = 10.0 ** (powers[powers > 0] if scale == "symlog" else powers)
-    ticks = np.concatenate([-places[::-1], [0.0], places]) if scale == "symlog" else places
-    axes.yaxis.set_major_locator(FixedLocator(ticks[(ticks >= low) & (ticks <= high)].tolist()))
-    axes.yaxis.set_minor_locator(NullLocator())
 
 
 def spread_text(runs: pd.DataFrame) -> str:
