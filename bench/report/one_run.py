@@ -68,17 +68,17 @@ def show_run(run: Found) -> str:
     finite = run.trace[np.isfinite(run.trace["best_value"].to_numpy(dtype=float))]
     if not finite.empty:  # the curve is drawn from the first finite value on
         charged, values, restarts = (finite[key].to_numpy(dtype=float) for key in ("charged", "best_value", "restart"))
-        curve = Curve(charged, values, np.nan_to_num(restarts))
-        again = bool(curve.restarts.any())
-        line = sparkline(curve, float(row["minimum"]) if pd.notna(row["minimum"]) else None)
+        restarts = np.nan_to_num(restarts)
+        again = bool(restarts.any())
+        line = sparkline(charged, values, float(row["minimum"]) if pd.notna(row["minimum"]) else None)
         lines += [
             "", "curve, over the logarithm of what was charged:",
             f"  {plain(values[0], 4)}{unit} {line} {plain(values[-1], 4)}{unit}",
             f"  {'charged':>9s}  {'best value':>12s}" + ("  restarts" if again else ""),
         ]  # fmt: skip
         marks: Array = np.unique(np.round(np.geomspace(max(charged[0], 1.0), max(charged[-1], 1.0), _ROWS)))
-        for at, i in zip(marks, _steps(curve, marks), strict=True):
-            lines.append(f"  {at:9.0f}  {values[i]:12.6g}" + (f"  {curve.restarts[i]:8.0f}" if again else ""))
+        for at, i in zip(marks, _steps(charged, marks), strict=True):
+            lines.append(f"  {at:9.0f}  {values[i]:12.6g}" + (f"  {restarts[i]:8.0f}" if again else ""))
     hits = list(zip(map(float, row["targets"]), row["hits"], row["hits_charged"], strict=True))
     if hits:
         reached = [(level, int(hit), int(charged)) for level, hit, charged in hits if pd.notna(hit)]
@@ -205,32 +205,21 @@ def find_run(parent: Path, prefix: str) -> Found:
     return Found(only, traces[traces["run_id"] == run_id].reset_index(drop=True), home)
 
 
-@final
-@dataclass(frozen=True)
-class Curve:
-    """The best values of a run over its charged evaluations, shape (n,) each, and how often it had begun again."""
-
-    charged: Array
-    values: Array
-    restarts: Array
-
-
-def sparkline(curve: Curve, minimum: float | None) -> str:
-    """Return a block for each of some counts, a constant factor apart."""
-    marks: Array = np.geomspace(max(curve.charged[0], 1.0), max(curve.charged[-1], 1.0), _WIDTH)
-    heights = curve.values
+def sparkline(charged: Array, heights: Array, minimum: float | None) -> str:
+    """Return a block for each of some counts, a constant factor apart; `heights` are the best values, shape (n,)."""
+    marks: Array = np.geomspace(max(charged[0], 1.0), max(charged[-1], 1.0), _WIDTH)
     gaps = heights - (0.0 if minimum is None else minimum)
     if (gaps >= 0).all() and (gaps > 0).any():
         heights = np.log10(np.maximum(gaps, gaps[gaps > 0].min() / 10))
     top, bottom = heights.max(), heights.min()
     share = (top - heights) / (top - bottom) if top > bottom else np.zeros(len(heights))
     blocks = np.round(share * (len(_BLOCKS) - 1)).astype(int)
-    return "".join(_BLOCKS[blocks[i]] for i in _steps(curve, marks))
+    return "".join(_BLOCKS[blocks[i]] for i in _steps(charged, marks))
 
 
-def _steps(curve: Curve, marks: Array) -> NDArray[np.int64]:
+def _steps(charged: Array, marks: Array) -> NDArray[np.int64]:
     """Return which point holds at each count: the last that is not later."""
-    return np.maximum(np.searchsorted(curve.charged, marks * (1 + 1e-12), side="right") - 1, 0)
+    return np.maximum(np.searchsorted(charged, marks * (1 + 1e-12), side="right") - 1, 0)
 
 
 def again_command(row: Mapping[str, Any]) -> str | None:

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from calibench.bench.report.one_run import Curve, again_command, sparkline
+from calibench.bench.report.one_run import again_command, sparkline
 from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.runs import ResultStore
 from tests.few import few
@@ -148,10 +148,10 @@ def test_what_no_command_can_say_has_none():
 
 def test_a_curve_comes_down_from_left_to_right():
     charged = np.arange(1.0, 1001.0)
-    line = sparkline(Curve(charged, 1e6 / charged**3, np.zeros(1000)), None)
+    line = sparkline(charged, 1e6 / charged**3, None)
     heights = ["▁▂▃▄▅▆▇█".index(block) for block in line]
     assert (heights[0], heights[-1]) == (7, 0)
     assert heights == sorted(heights, reverse=True)
-    below = sparkline(Curve(charged, -np.log(charged), np.zeros(1000)), None)  # values below zero, no minimum
+    below = sparkline(charged, -np.log(charged), None)  # values below zero, no minimum
     assert (below[0], below[-1]) == ("█", "▁")
-    assert set(sparkline(Curve(charged[:3], np.ones(3), np.zeros(3)), 1.0)) == {"█"}
+    assert set(sparkline(charged[:3], np.ones(3), 1.0)) == {"█"}
