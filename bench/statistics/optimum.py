@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Any, final
 
@@ -20,7 +20,6 @@ from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.summary import SAME, lowest_below
 from calibench.bench.statistics.tables import once, problem_of
 from calibench.bench.store.columns import Array
-from calibench.problems.base import extra_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -123,52 +122,31 @@ class Optimum:
         )
 
 
-@final
-@dataclass(frozen=True)
-class Stated:
-    """What a problem tells of its values; `ends`: those at its truth and start, where the first may be a floor."""
+def ends_of(name: str, options: str) -> tuple[float, float] | None:
+    """Return the values of a problem at its truth and start, asked once: the first may be a floor. None where a minimum
+    is declared or values are noisy, and of a user's that is not here any more."""
 
-    unit: str
-    minimum: float | None
-    noisy: bool
-    ends: tuple[float, float] | None = None
+    def ask() -> tuple[float, float] | None:
+        with suppress(Exception):  # it is not here, or its code has failed: the figure has no such line
+            problem = problem_of({"problem": name, "problem_options": options}, "the rounding floor in its figure")
+            truth = None if minimum_of(problem) or is_stochastic(problem) else getattr(problem, "truth", None)
+            if truth is not None:
+                return float(problem(np.array(truth))), float(problem(np.array(problem.start)))
+        return None
 
-
-def stated_of(name: str, options: str) -> Stated | None:
-    """Return what a problem tells, asked once; None of a user's that is not here any more: the rows must suffice."""
-    row = {"problem": name, "problem_options": options}
-
-    def ask() -> Stated | None:
-        try:
-            problem = problem_of(row, "the rounding floor in its figure")
-        except ValueError:
-            return None
-        stated = Stated(str(extra_of(problem, "unit", "")), minimum_of(problem), is_stochastic(problem))
-        truth = None if stated.minimum or stated.noisy else getattr(problem, "truth", None)
-        if truth is not None:
-            with suppress(Exception):  # a user's code has failed: the figure has no such line
-                ends = float(problem(np.array(truth))), float(problem(np.array(problem.start)))
-                return replace(stated, ends=ends)
-        return stated
-
-    found: Stated | None = once(("stated", name, options), ask)
+    found: tuple[float, float] | None = once(("ends", name, options), ask)
     return found
 
 
 def optimum_of(runs: pd.DataFrame) -> Optimum:
     """Return the `Optimum` of `runs`, all of one problem with its options."""
     name, options = (str(runs[column].iloc[0]) for column in PROBLEM[:2])
-    stated = stated_of(name, options)
     unit, minimum = _of_rows(runs, "unit"), _of_rows(runs, "minimum")
     noisy = _of_rows(runs, "judged_evaluations") is not None
-    if stated is not None:
-        unit = stated.unit if unit is None else unit
-        minimum = stated.minimum if minimum is None else minimum
-        noisy = noisy or stated.noisy
-
     floor = rounding = None
-    if stated is not None and stated.ends is not None and not minimum and not noisy and isfinite(stated.ends[0]):
-        floor, first = stated.ends
+    ends = None if minimum or noisy else ends_of(name, options)
+    if ends is not None and isfinite(ends[0]):
+        floor, first = ends
         rounding = _ROUNDING * first if 0 <= floor <= _ROUNDING * first else None
     return Optimum(
         symbol=str(json.loads(options).get("error", "")) or "f",

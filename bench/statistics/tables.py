@@ -1,8 +1,8 @@
 """Tables from results: each returns its DataFrame."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
@@ -17,9 +17,8 @@ from calibench.bench.statistics.summary import QUARTILES, quantiles, summary
 from calibench.bench.store.arrays import lists_of
 from calibench.bench.store.columns import floats
 from calibench.core.registry import NotImported, names_of_files
-from calibench.problems.base import Parameter, parameters_of
+from calibench.problems.base import Parameter
 
-PrintedValues = Callable[[str, Any], Mapping[str, float]]  # of a problem's name and the problem: parameter -> value
 MADE = "made"  # the first word of the key under which `once` keeps a problem itself
 OF_THE_DATA = "what its data can tell"
 
@@ -68,48 +67,27 @@ def problem_of(row: Mapping[str, Any] | pd.Series, leaves_out: str = OF_THE_DATA
 OF_PARAMETERS = ("parameter_names", "parameter_units", "parameter_starts", "parameter_truths")
 
 
-def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = lambda name, problem: {}) -> pd.DataFrame:
+def calibrated(runs: pd.DataFrame) -> pd.DataFrame:
     """Return calibrated values against the truth: a row for each cell (`bench.statistics.cells`) and parameter.
 
-    Columns: those of a cell, parameter, unit, true, start_value, printed (`printed_values`), median, q1, q3,
-    worst_error, n (runs that have an answer).
+    Columns: those of a cell, parameter, unit, true, start_value, median, q1, q3, worst_error, n (runs that have an
+    answer).
     """
-    rows = []
-    known: dict[tuple[str, str], tuple[Sequence[Parameter], Mapping[str, float]]] = {}
     columns = [*CELL, "parameter_values", *(name for name in OF_PARAMETERS if name in runs)]
     answered = runs[columns][runs["parameter_values"].notna()]
-    cells = by_cell(answered)
-    keys = answered.iloc[cells.first][CELL].itertuples(index=False)
-    listed = lists_of(answered["parameter_values"])
-    for number, key in enumerate(keys if len(answered) else ()):
-        names = dict(zip(CELL, key, strict=True))
-        named = (names["problem"], names["problem_options"])
-        if named not in known:
-            row = answered.iloc[int(cells.first[number])]
-            problem = None
-            if row["problem"] in problems.registry:
-                with suppress(ValueError):  # a file that it reads is not here
-                    problem = problem_of(row)
-            if problem is None:  # as the row tells them
-                known[named] = parameters_in(row), {}
-            elif getattr(problem, "parameters", None) is None:
-                known[named] = (), {}
-            else:
-                known[named] = parameters_of(problem), printed_values(str(row["problem"]), problem)
-        parameters, printed = known[named]
+    cells, listed = by_cell(answered), lists_of(answered["parameter_values"])
+    rows = []
+    for number, (_, first) in enumerate(answered.iloc[cells.first].iterrows()):
+        parameters = parameters_in(first)
         if not parameters:
             continue
         values = listed.table(cells.rows(number))
-        quartiles = quantiles(values, QUARTILES)
-        for i, p in enumerate(parameters):
-            column = values[:, i]
-            q1, median, q3 = quartiles[:, i]
+        for p, column, (q1, median, q3) in zip(parameters, values.T, quantiles(values, QUARTILES).T, strict=True):
             rows.append(
-                names
+                dict(first[CELL])
                 | {
                     "parameter": p.name, "unit": p.unit, "true": np.nan if p.true is None else p.true,
-                    "start_value": p.start, "printed": printed.get(p.name, np.nan), "median": median,
-                    "q1": q1, "q3": q3,
+                    "start_value": p.start, "median": median, "q1": q1, "q3": q3,
                     "worst_error": np.nan if p.true is None else float(np.abs(column - p.true).max()), "n": len(column),
                 }
             )  # fmt: skip

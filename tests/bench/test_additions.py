@@ -64,7 +64,6 @@ MINE = Addition(
         AddedFigure("square", "A square", lambda runs: True, lambda runs, traces: (Figure(), runs[["run_id"]])),
         AddedFigure("never", "Never", lambda runs: False, lambda runs, traces: (Figure(), runs)),
     ),
-    printed_values=lambda name, problem: {"lb1": 250.0} if name == "full12" else {},
     marks=lambda runs: (Mark(50, "where others stopped"),),
     links=lambda folder: {"another page": f"../{folder.name}.html"},
 )  # fmt: skip
@@ -96,9 +95,6 @@ def test_an_addition_is_seen_where_it_belongs(store):
     assert not (store.folder / "tables" / "nothing.csv").exists()
     assert (store.folder / "figures" / "square.png").exists()
     assert not (store.folder / "figures" / "never.png").exists()
-    table = pd.read_csv(store.folder / "calibrated.csv").set_index(["optimizer", "parameter"])
-    assert table.loc[("lm", "lb1"), "printed"] == 250.0
-    assert table.loc[("lm", "lb2")].isna()["printed"]
 
 
 @pytest.mark.parametrize("code", ["same", "another"])

@@ -59,14 +59,11 @@ def runs() -> pd.DataFrame:
     )
 
 
-def test_a_problem_is_built_once_however_many_methods_are_run_on_it(
+def test_no_problem_is_built_for_the_table_of_calibrated_values(
     runs: pd.DataFrame, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    built = []
-    make = tables.problem_of
-    monkeypatch.setattr(tables, "problem_of", lambda row: built.append(row["problem_options"]) or make(row))
+    monkeypatch.setattr(problems, "make", None)
     assert len(tables.calibrated(runs)[CELL].drop_duplicates()) == 6
-    assert sorted(built) == sorted(set(runs["problem_options"]))
 
 
 def test_more_cells_than_a_drawing_has_room_for_are_left_to_the_table(

@@ -305,16 +305,6 @@ def _column_title(key: str) -> str:
     return error.upper() + (f", {more}" if more else "")
 
 
-def printed_values(name: str, problem: Any) -> Mapping[str, float]:
-    """Return the paper's calibrated values for this problem and error function, corrected for misprints."""
-    have = getattr(problem, "options", {})  # a user's own has none, and no printed values
-    for key, (of, options) in (COLUMNS | _DE).items():
-        if of == name and all(have.get(option) == value for option, value in options.items()):
-            column = constants.column(_PAPER, key)
-            return {quantity: column[quantity] for quantity in column}
-    return {}
-
-
 def where_searches_stopped(runs: pd.DataFrame) -> tuple[Mark, ...]:
     """Mark where GA, PSO and DE stop in section 4, if these runs of its problem went as far."""
     stop = constants.column(_PAPER, "section44")["evaluations"]
@@ -352,5 +342,5 @@ ADDITION = Addition(
             lambda runs: len(options_seen(runs, "full11", "plan")) > 1, plans,
         ),
     ),
-    printed_values=printed_values, marks=where_searches_stopped,
+    marks=where_searches_stopped,
 )  # fmt: skip

@@ -6,7 +6,7 @@ The report knows no paper: the command passes `Addition`s to `write_report`, and
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import final
 
 import pandas as pd
 
@@ -63,12 +63,11 @@ class Mark:
 @final
 @dataclass(frozen=True)
 class Addition:
-    """All that one source adds: `printed_values(name, problem)` (parameter -> value), `marks(runs)` of a problem's
-    chart, `links(folder)` to other pages of a study (words -> address). What it leaves out adds nothing."""
+    """All that one source adds: `marks(runs)` of a problem's chart, `links(folder)` to other pages of a study (words ->
+    address). What it leaves out adds nothing."""
 
     sections: tuple[TableSection, ...] = ()
     figures: tuple[AddedFigure, ...] = ()
-    printed_values: Callable[[str, Any], Mapping[str, float]] = lambda name, problem: {}
     marks: Callable[[pd.DataFrame], Sequence[Mark]] = lambda runs: ()
     links: Callable[[Path], Mapping[str, str]] = lambda folder: {}
 

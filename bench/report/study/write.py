@@ -27,7 +27,7 @@ from calibench.bench.report.study.page import StudyPage
 from calibench.bench.statistics import summary as stats, tables
 from calibench.bench.statistics.cells import METHOD, PROBLEM
 from calibench.bench.statistics.fixed_target import Hits
-from calibench.bench.statistics.optimum import stated_of
+from calibench.bench.statistics.optimum import ends_of
 from calibench.bench.statistics.ranking import with_looks
 from calibench.bench.statistics.targets import levels_of, with_lowest_seen
 from calibench.bench.store.arrays import RUNS_SCHEMA, give_back
@@ -165,7 +165,7 @@ def write_report(
 def _of_problems(
     runs: pd.DataFrame, additions: Additions, known: dict[tuple[str, ...], Any]
 ) -> Iterator[Iterator[Any]]:  # fmt: skip
-    """Yield what needs the problems themselves: their levels, with what is stated of them; then the tables.
+    """Yield what needs the problems themselves: their levels, with their values at truth and start; then the tables.
 
     A process beside this one builds them, where all are of installed packages: compiled code takes 70 MB.
     """
@@ -174,17 +174,14 @@ def _of_problems(
     def levels() -> tuple[pd.DataFrame, dict[tuple[str, ...], Any]]:
         found = levels_of(runs)
         for name, options in pairs.itertuples(index=False):
-            stated_of(name, options)
+            ends_of(name, options)
         for figure in (figure for addition in additions for figure in addition.figures):
             figure.applies(runs)  # which compares with problems of its own
         return found, {key: value for key, value in known.items() if key[0] != tables.MADE}
 
     def rest() -> tuple[pd.DataFrame, pd.DataFrame, list[list[pd.DataFrame]]]:
-        calibrated = tables.calibrated(
-            runs, lambda name, problem: {k: v for a in additions for k, v in a.printed_values(name, problem).items()}
-        )
         built = [[table.build(runs) for table in section.tables] for one in additions for section in one.sections]
-        return tables.identifiability(runs), calibrated, built
+        return tables.identifiability(runs), tables.calibrated(runs), built
 
     jobs: Sequence[Callable[[], Any]] = (levels, rest)
     if not CAN_FORK or not {*pairs["problem"]} <= {*problems.registry.names()}:
