@@ -84,7 +84,7 @@ def test_a_page_that_grows_too_large_links_drawings_in_place_of_holding_them(
     drawing = tmp_path / "figures" / "convergence_link_length.svg"
     drawing.parent.mkdir()
     drawing.write_text('<svg xmlns="http://www.w3.org/2000/svg" width="90pt" height="9pt"></svg>' + " " * 40_000)
-    made = StudyPage(folder=tmp_path, runs=runs, drawings={"convergence_link_length": drawing})
+    made = StudyPage(folder=tmp_path, runs=runs, drawings=lambda: {"convergence_link_length": [drawing]})
     address = "figures/convergence_link_length.svg"
     whole = made.html()
     assert address not in whole

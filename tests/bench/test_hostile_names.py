@@ -72,7 +72,7 @@ def test_a_studys_page_trusts_no_name(runs, tmp_path):
     manifest = {"commands": [f"bench run problem={EVIL}"], "planned": {EVIL: EVIL}}
     html = StudyPage(
         folder=tmp_path / EVIL.replace("/", "∕"), runs=evil, manifest=manifest, about=EVIL,
-        drawings={"overview": drawing},
+        drawings=lambda: {"overview": [drawing]},
         beside={EVIL: f"{EVIL}.html"},
     ).html()  # fmt: skip
     page = sound(html)
