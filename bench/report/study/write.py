@@ -37,7 +37,7 @@ from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.tables import parquet_file
 from calibench.bench.sweep.composition import study_preset
-from calibench.core.words import print_plain as print, printable
+from calibench.core.words import print_plain as print
 
 Tell = Callable[[int, int, str], None]
 _SOON = 2.0  # seconds, within which nothing is told to a file
@@ -195,21 +195,18 @@ def _of_problems(
 @contextmanager
 def report_progress() -> Iterator[Tell]:
     """Yield a tell(done, of, what) to call before each step of a report."""
-    if not sys.stderr.isatty():
-        last = time.monotonic() + _SOON - _EVERY
+    if sys.stderr.isatty():
+        from calibench.bench.sweep.carry_out import show_progress  # with what carries out runs
 
-        def tell(done: int, of: int, what: str) -> None:
-            nonlocal last
-            if time.monotonic() - last >= _EVERY:
-                last = time.monotonic()
-                print(f"  report: step {done + 1} of {of}, {what}", file=sys.stderr, flush=True)
-
-        yield tell
+        with show_progress() as tell:
+            yield tell
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    last = time.monotonic() + _SOON - _EVERY
 
-    columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("")
-        yield lambda done, of, what: bar.update(task, completed=done, total=of, description=printable(what[:60]))
+    def tell_in_lines(done: int, of: int, what: str) -> None:
+        nonlocal last
+        if time.monotonic() - last >= _EVERY:
+            last = time.monotonic()
+            print(f"  report: step {done + 1} of {of}, {what}", file=sys.stderr, flush=True)
+
+    yield tell_in_lines
