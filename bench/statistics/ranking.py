@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 By = Literal["goal", "value", "charged", "success"]
 FEWEST = 10  # blocks, below which chi squared is far from Friedman's statistic and ranks say little
+LEVEL = 0.05
 LOOK = "look"  # the column of runs that holds the number of a method's colour and line style
 
 
@@ -158,7 +159,7 @@ class Blocks:
 class Ranked:
     """Friedman's test of some methods, best first, or why it is `refused`: then the numbers are NaN.
 
-    Mean ranks further apart than Nemenyi's `critical_difference` differ at `level`. `nemenyi` and `against_best` (by
+    Mean ranks further apart than Nemenyi's `critical_difference` differ at `LEVEL`. `nemenyi` and `against_best` (by
     Holm) are p-values.
     """
 
@@ -170,7 +171,6 @@ class Ranked:
     critical_difference: float = nan
     nemenyi: Array
     against_best: Array
-    level: float
     refused: str
     left_out: str
 
@@ -184,12 +184,12 @@ class Ranked:
         return spans
 
 
-def blocks_of(runs: pd.DataFrame, by: By = "goal") -> Blocks:
+def blocks_of(runs: pd.DataFrame) -> Blocks:
     """Return the blocks of `runs`, each at the largest budget that every method has, with their median ranks."""
     import pandas as pd
 
     rows = runs.reset_index(drop=True).assign(goal=goals_of(runs))
-    rows["_method"], score = method_names(rows), scores(rows, by)
+    rows["_method"], score = method_names(rows), scores(rows)
     number, listed = pd.factorize(rows["_method"])
     names = tuple(str(name) for name in listed)
     blocks: dict[tuple[object, ...], tuple[int, Array]] = {}
@@ -209,7 +209,7 @@ def blocks_of(runs: pd.DataFrame, by: By = "goal") -> Blocks:
     return Blocks(names, np.array(in_their_order, dtype=np.float64).reshape(len(blocks), len(names)), left_out)
 
 
-def friedman(blocks: Blocks, level: float = 0.05) -> Ranked:
+def friedman(blocks: Blocks) -> Ranked:
     """Return Friedman's test of the methods in `blocks`, with Nemenyi's and Holm's comparisons."""
     n, k = blocks.medians.shape
     ranks, mean = blocks.medians, np.full(k, np.nan)
@@ -229,7 +229,7 @@ def friedman(blocks: Blocks, level: float = 0.05) -> Ranked:
             f"{n}{': ' + blocks.left_out if blocks.left_out else ''}"
         )
     ranked = Ranked(
-        methods=methods, mean_ranks=mean, blocks=n, level=level, refused=refused, left_out=blocks.left_out,
+        methods=methods, mean_ranks=mean, blocks=n, refused=refused, left_out=blocks.left_out,
         nemenyi=np.full((k, k), np.nan), against_best=np.full(k, np.nan),
     )  # fmt: skip
     if refused:
@@ -245,7 +245,7 @@ def friedman(blocks: Blocks, level: float = 0.05) -> Ranked:
     nemenyi = np.asarray(studentized_range.sf(apart * np.sqrt(2), k, np.inf), dtype=float)
     np.fill_diagonal(nemenyi, 1.0)
     against = np.concatenate([[np.nan], holm(2 * norm.sf(apart[0, 1:]))])
-    difference = float(studentized_range.ppf(1 - level, k, np.inf)) / np.sqrt(2) * error
+    difference = float(studentized_range.ppf(1 - LEVEL, k, np.inf)) / np.sqrt(2) * error
     return replace(
         ranked, statistic=statistic, p=p, critical_difference=float(difference), nemenyi=nemenyi, against_best=against
     )

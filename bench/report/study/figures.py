@@ -27,7 +27,7 @@ from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, TAS
 from calibench.bench.statistics.fixed_target import Hits, ecdf, ert, performance_profile
 from calibench.bench.statistics.names import in_order, method_labels, problem_titles, settings_that_vary
 from calibench.bench.statistics.optimum import Optimum, optimum_of
-from calibench.bench.statistics.ranking import FEWEST, LOOK, Ranked, blocks_of, friedman, looks_of
+from calibench.bench.statistics.ranking import FEWEST, LEVEL, LOOK, Ranked, blocks_of, friedman, looks_of
 from calibench.bench.statistics.summary import endings, method_names
 from calibench.bench.store.arrays import lists_of
 from calibench.bench.store.columns import name_rows
@@ -494,7 +494,7 @@ def draw_ranks(axes: Axes, ranked: Ranked) -> None:
     axes.grid(False)
     chance = f"= {ranked.p:.2g}" if ranked.p > _LEAST_P else f"< {_LEAST_P:g}"
     title = f"mean rank over {ranked.blocks} blocks, 1 is best; Friedman p {chance}"
-    axes.set_title(f"{title}\njoined: not told apart at {ranked.level:g} (Nemenyi)", fontsize=8)
+    axes.set_title(f"{title}\njoined: not told apart at {LEVEL:g} (Nemenyi)", fontsize=8)
 
 
 def ranks_of(ranked: Ranked) -> pd.DataFrame:

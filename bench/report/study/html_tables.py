@@ -29,7 +29,7 @@ from calibench.bench.statistics.names import (
 )
 from calibench.bench.statistics.optimum import Optimum, optimum_of
 from calibench.bench.statistics.progress import without_numbers
-from calibench.bench.statistics.ranking import Ranked, best_first
+from calibench.bench.statistics.ranking import LEVEL, Ranked, best_first
 from calibench.bench.statistics.summary import priced as priced_runs
 from calibench.bench.statistics.targets import COLUMN
 from calibench.bench.store.columns import parts
@@ -249,18 +249,18 @@ class Differing:
 
 def differing(ranked: Ranked) -> Differing:
     """Return the table of a test that was not refused: mean ranks, p-values after correction, and who differs."""
-    alike = ranked.nemenyi >= ranked.level
+    alike = ranked.nemenyi >= LEVEL
     np.fill_diagonal(alike, False)
     differ = int((~alike).sum() - len(ranked.methods)) // 2
     pairs = len(ranked.methods) * (len(ranked.methods) - 1) // 2
-    level = f"{100 * ranked.level:g} %"
+    level = f"{100 * LEVEL:g} %"
     sentence = (
         f"Friedman's test over {counted(ranked.blocks, 'block')} (a problem with its instance under one start, at "
         f"its largest budget; seeds are none): p = {number(ranked.p)}. "
         + (
             f"Of {counted(pairs, 'pair')} of methods {differ} differ at the {level} level (Nemenyi's test, which is "
             f"corrected for all pairs): mean ranks that are {number(ranked.critical_difference, 3)} apart or more."
-            if ranked.p < ranked.level
+            if ranked.p < LEVEL
             else f"The ranks do not tell the methods apart at the {level} level, and what pairs say is not to be read."
         )
         + (f" {ranked.left_out}." if ranked.left_out else "")
