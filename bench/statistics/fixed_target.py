@@ -38,7 +38,6 @@ RESAMPLES = 999
 LEVEL = 0.95
 FEWEST = 3  # units; of fewer nothing can be said
 _SEED = (2008, 0x455254)
-_AT_ONCE = 1_000_000  # numbers, of units or resamples against targets: eight megabytes
 _BLOCK = 250_000  # numbers, of resamples against units
 _BOUNDED = 1e6  # times ERT: an upper end beyond this means that the runs are too few for a bound
 _ENOUGH = 5  # instances: from so many on, instances are resampled instead of runs
@@ -284,11 +283,7 @@ def _sums(runs: pd.DataFrame, whole: Iterable[Runtimes], intervals: bool) -> dic
     cells = by_cell(runs)
     number, chances_of = cells.number, chances(runs, cells)
     instances, repetition = pd.factorize(runs["instance"], sort=True)[0], runs["repetition"].to_numpy()
-    names = ("run", "level", "size", "runs", "chance", "reached", "spent", "resampled")
-    parts: dict[str, list[Any]] = {name: [] for name in names}
-    units: dict[int, list[_Units]] = {}  # by how many there are
-    ends: list[tuple[Counts, Array, Array]] = []
-    begin = 0
+    parts: dict[str, list[Any]] = {}
     for one in whole:
         cell, instance = pd.factorize(number[one.at])[0], instances[one.at]
         order = np.lexsort([repetition[one.at], instance, cell])  # in a cell the same for every method
@@ -297,43 +292,20 @@ def _sums(runs: pd.DataFrame, whole: Iterable[Runtimes], intervals: bool) -> dic
             mine, starts = one.of(rows, columns), np.flatnonzero(np.diff(instance[rows], prepend=-1))
             won, paid, first = mine.charged >= 0, mine.paid, one.at[rows[0]]
             chance, by_instance = bool(chances_of[number[first]]), len(starts) >= _ENOUGH
+            units = paid, won.astype(float)
+            if by_instance:
+                units = np.add.reduceat(units[0], starts), np.add.reduceat(units[1], starts)
+            low, high = ert_interval(*units) if chance and intervals else np.full((2, len(columns)), np.nan)
+            asked = mine.asked.sum(axis=0)
+            low[asked < len(rows)] = high[asked < len(rows)] = np.nan
             of_cell = {
-                "run": first, "level": one.level, "size": len(rows), "chance": chance,
-                "spent": paid.sum(axis=0)[where],
-                "reached": won.sum(axis=0)[where], "runs": mine.asked.sum(axis=0)[where],
-                "resampled": "instances" if by_instance else "runs",
+                "run": first, "level": one.level, "chance": chance, "runs": asked[where],
+                "spent": paid.sum(axis=0)[where], "reached": won.sum(axis=0)[where], "low": low[where],
+                "high": high[where], "resampled": "instances" if by_instance else "runs",
             }  # fmt: skip
             for name, values in of_cell.items():
-                parts[name].append(np.broadcast_to(values, len(where)))
-            if chance and intervals:
-                sums = paid, won.astype(float)
-                if by_instance:
-                    sums = np.add.reduceat(sums[0], starts), np.add.reduceat(sums[1], starts)
-                some = units.setdefault(len(sums[0]), [])
-                some.append((begin, where, *sums))
-                if len(some) * len(columns) * max(len(sums[0]), RESAMPLES) > _AT_ONCE:
-                    ends.append(_ends(units.pop(len(sums[0]))))
-            begin += len(where)
-    column = {name: np.concatenate(values) for name, values in parts.items()}
-    low, high = np.full((2, begin), np.nan)
-    for place, *both in [*ends, *map(_ends, units.values())]:
-        low[place], high[place] = both
-    low[column["runs"] < column["size"]] = high[column["runs"] < column["size"]] = np.nan
-    some_asked = column["runs"] > 0
-    return {name: values[some_asked] for name, values in (column | {"low": low, "high": high}).items()}
-
-
-_Units = tuple[int, Counts, Array, Array]  # where a cell begins, columns of its targets, what units paid and won
-
-
-def _ends(alike: Sequence[_Units]) -> tuple[Counts, Array, Array]:
-    """Return the places and the ends of the intervals of cells of as many units, which share their draws."""
-    place = np.concatenate([begin + np.arange(len(where)) for begin, where, *_ in alike])
-    first = np.cumsum([0, *(paid.shape[1] for *_, paid, _ in alike)])
-    where = np.concatenate([k + unit[1] for k, unit in zip(first.tolist(), alike)])
-    paid, won = alike[0][2:] if len(alike) == 1 else (np.hstack([unit[k] for unit in alike]) for k in (2, 3))
-    low, high = ert_interval(paid, won)
-    return place, low[where], high[where]
+                parts.setdefault(name, []).append(np.broadcast_to(values, len(where))[asked[where] > 0])
+    return {name: np.concatenate(values) for name, values in parts.items()}
 
 
 def success_intervals(successes: Counts, counts: Counts) -> tuple[Array, Array]:
