@@ -15,7 +15,6 @@ import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from hashlib import blake2b
 from itertools import chain
 from typing import Any, ClassVar, Self, final
 
@@ -288,7 +287,8 @@ def _sums(runs: pd.DataFrame, whole: Iterable[Runtimes], intervals: bool) -> dic
         cell, instance = pd.factorize(number[one.at])[0], instances[one.at]
         order = np.lexsort([repetition[one.at], instance, cell])  # in a cell the same for every method
         for rows in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
-            columns, where = _different_columns(one.charged[rows])
+            # of targets that each run reached at one time, the first
+            _, columns, where = np.unique(one.charged[rows], axis=1, return_index=True, return_inverse=True)
             mine, starts = one.of(rows, columns), np.flatnonzero(np.diff(instance[rows], prepend=-1))
             won, paid, first = mine.charged >= 0, mine.paid, one.at[rows[0]]
             chance, by_instance = bool(chances_of[number[first]]), len(starts) >= _ENOUGH
@@ -383,11 +383,10 @@ def ert_interval(paid: Array, won: Array) -> tuple[Array, Array]:
     some = np.flatnonzero(won.sum(axis=0) > 0)
     if units < FEWEST or not len(some):
         return low, high
-    columns, where = _different_columns(paid[:, some], won[:, some])
-    p, w = paid[:, some[columns]], np.asarray(won[:, some[columns]], dtype=float)
+    p, w = paid[:, some], np.asarray(won[:, some], dtype=float)
     products = p, w, p**2, p * w, w**2
     ratio, error = _log_ratio(np.ones((1, units)), products)
-    ratios, errors = np.empty((2, RESAMPLES, len(columns)))
+    ratios, errors = np.empty((2, RESAMPLES, len(some)))
     for drawn in in_blocks(units):
         ratios[drawn], errors[drawn] = _log_ratio(weights(units)[drawn].astype(float), products)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -400,19 +399,9 @@ def ert_interval(paid: Array, won: Array) -> tuple[Array, Array]:
     with np.errstate(invalid="ignore", over="ignore"):
         below = np.where(reach == 0, 0.0, -ends[last] * reach)
         above = np.where(reach == 0, 0.0, -ends[first] * reach)
-        low[some] = np.exp(ratio[0] + below)[where]
-        high[some] = np.exp(ratio[0] + above)[where]
+        low[some] = np.exp(ratio[0] + below)
+        high[some] = np.exp(ratio[0] + above)
     return low, high
-
-
-def _different_columns(*tables: NDArray[Any]) -> tuple[Counts, Counts]:
-    """Return the first of those columns that are alike in each table, and the place of each column among them."""
-    seen: dict[bytes, int] = {}
-    by_column = [np.ascontiguousarray(table.T) for table in tables]
-    where = np.array(
-        [seen.setdefault(blake2b(b"".join(column)).digest(), len(seen)) for column in zip(*by_column, strict=True)]
-    )
-    return np.unique(where, return_index=True)[1], where
 
 
 def _log_ratio(weight: Array, products: Sequence[Array]) -> tuple[Array, Array]:
