@@ -33,9 +33,6 @@ LEVEL = 0.05
 MANY = 10  # shared tasks from which on they, not the repetitions, are what is drawn at random
 _BOUNDED = 1e6  # times a ratio: an end beyond this, either way, means that the runs are too few for a bound
 _MOST_RUNS = 1000  # beyond which no number of runs is proposed
-_NEEDED = (
-    *TASK[:-1], *METHOD, "repetition", "best_value", "charged", "judged_value", "judged_evaluations", "chance",
-)  # fmt: skip  # columns of runs, beside what scores and goals are made of
 
 
 @final
@@ -89,8 +86,7 @@ def against_each(runs: pd.DataFrame, cells: pd.DataFrame, first: Method, rivals:
     """Return of each of `rivals` what the `runs` say of it beside `first`, the best; `cells` is their summary."""
     order = np.argsort(runs["repetition"].to_numpy(), kind="stable")
     every, hits = scores(runs)[order], goal_hits(runs)[order]
-    slim = runs[[name for name in _NEEDED if name in runs]].assign(goal=goals_of(runs))  # few columns are cheap to cut
-    ordered = slim.iloc[order].reset_index(drop=True)
+    ordered = runs.assign(goal=goals_of(runs)).iloc[order].reset_index(drop=True)
     won = np.isfinite(hits)
     paid = np.where(won, hits, ordered["charged"].to_numpy(dtype=float))
     drawn = (ordered["start"] != "nominal").to_numpy()

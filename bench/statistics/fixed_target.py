@@ -46,9 +46,6 @@ _NUMBERS = [
     "runs", "reached", "success", "success_low", "success_high", "spent", "ert", "ert_low", "ert_high", "at_least",
     "resampled",
 ]  # fmt: skip
-_NEEDED = {
-    "run_id", *CELL, "dimension", "repetition", "charged", "best_value", "judged_value", "judged_evaluations",
-}  # fmt: skip  # columns of runs that expected running times come from
 
 
 @final
@@ -241,8 +238,7 @@ def ert(
     """
     columns = [str(name) for name in runs.columns]
     swept = [name for name in columns if name.startswith(PREFIXES) and name.partition(".")[2] not in instances]
-    needed = runs[[name for name in columns if name in _NEEDED or name in swept]]  # cutting few columns is cheap
-    whole = runtimes(hits, needed, instances)
+    whole = runtimes(hits, runs, instances)
     first = next(whole, None)
     if first is None:
         return pd.DataFrame(columns=[*_CELL, *swept, "dimension", *TARGET, *_NUMBERS])
@@ -287,8 +283,9 @@ def _sums(runs: pd.DataFrame, whole: Iterable[Runtimes], intervals: bool) -> dic
         cell, instance = pd.factorize(number[one.at])[0], instances[one.at]
         order = np.lexsort([repetition[one.at], instance, cell])  # in a cell the same for every method
         for rows in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
-            # of targets that each run reached at one time, the first
-            _, columns, where = np.unique(one.charged[rows], axis=1, return_index=True, return_inverse=True)
+            seen: dict[bytes, int] = {}  # of targets that each run reached at one time, the first is looked at
+            where = np.array([seen.setdefault(column.tobytes(), len(seen)) for column in one.charged[rows].T])
+            columns = np.unique(where, return_index=True)[1]
             mine, starts = one.of(rows, columns), np.flatnonzero(np.diff(instance[rows], prepend=-1))
             won, paid, first = mine.charged >= 0, mine.paid, one.at[rows[0]]
             chance, by_instance = bool(chances_of[number[first]]), len(starts) >= _ENOUGH
@@ -329,7 +326,6 @@ def ecdf(
         if name not in runs:
             raise ValueError(f"runs have no column {name!r} to group by; {suggest(name, map(str, runs.columns))}")
     method = [*METHOD, *SETTING]
-    runs = runs[list(dict.fromkeys(["run_id", *PROBLEM, *method, *by, "charged"]))]  # few are cheap to cut
     methods = by_cell(runs, method)
     keys_of_methods = list(runs[method].iloc[methods.first].itertuples(index=False, name=None))
     whole = list(runtimes(hits, runs.assign(_method=methods.number)))

@@ -33,10 +33,6 @@ GOAL = "goal"  # the quantity of the one target that counts as success on a prob
 _CURVES, _SHARES, _TARGETS = 110_000, 160_000, 60_000  # numbers of all cells together; each takes some six letters
 _DIGITS = 4
 _AT_ONCE = 250_000  # values of runs at a time: two megabytes
-_NEEDED = {
-    "run_id", *CELL, "dimension", "problem_group", "repetition", "evaluations", "charged", "best_value", "judged_value",
-    "judged_evaluations",
-}  # fmt: skip  # columns of runs that something here comes from
 _QUANTITIES = {
     GOAL: ("the goal of each problem", "",
            "the level that counts as success: a run's own target, or the problem's, or where it has none the lowest "
@@ -74,8 +70,7 @@ def explored(
 ) -> dict[str, Any]:
     """Return the numbers of a study as plain values, for `as_json`."""
     panel_of = np.repeat(np.arange(len(panels)), [len(panel.runs) for panel in panels])
-    needed = [name for name in panels[0].runs if name in _NEEDED]  # few columns are cheap to join and to cut
-    runs = pd.concat([panel.runs[needed] for panel in panels], ignore_index=True).assign(panel=panel_of)
+    runs = pd.concat([panel.runs for panel in panels], ignore_index=True).assign(panel=panel_of)
     runs["method"], runs["plain"] = method_labels(runs), method_names(runs)
     runs["cell"] = runs.groupby(CELL, sort=False, dropna=False).ngroup()
     first = runs.drop_duplicates("cell")
