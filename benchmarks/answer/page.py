@@ -9,7 +9,7 @@ from benchmarks.answer.compact import BLOCK, KNOWS
 from benchmarks.answer.standing import ert_bounds, leading, ranked, standing, winners
 from calibench import optimizers
 from calibench.bench.report.shared.page import bullets, table, text
-from calibench.bench.statistics.ranking import Ranked
+from calibench.bench.statistics.ranking import LEVEL, Ranked
 
 _LISTED = 3  # methods of each kind in the tables
 _MOSTLY = 0.5  # of a family's answers in the box: a family below is named
@@ -181,12 +181,12 @@ def _told_apart(runs: pd.DataFrame, test: Ranked, lacking: list[str]) -> str:
         if mine.refused:
             kinds.append(f"{_WORDS[kind].capitalize()}: no test: {mine.refused}.")
             continue
-        alike = [name for name, p in zip(mine.methods, mine.against_best, strict=True) if p >= mine.level]
+        alike = [name for name, p in zip(mine.methods, mine.against_best, strict=True) if p >= LEVEL]
         told = ", ".join(f"`{name}`" for name in alike) or "none"
         kinds.append(
             f"{_WORDS[kind].capitalize()}: of {len(mine.methods)} the best mean rank is that of `{mine.methods[0]}`,"
             f" {mine.mean_ranks[0]:.1f} (p {_p(mine.p)}). Not separated from it by Holm's comparisons at"
-            f" {mine.level:g}: {told}."
+            f" {LEVEL:g}: {told}."
         )
     return bullets(whole, *kinds)
 
