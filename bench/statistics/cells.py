@@ -73,22 +73,6 @@ class ByCell:
         """Return the sum of whole numbers, or how many are true, in each cell."""
         return np.asarray(self.over(np.add, np.asarray(values).astype(np.int64)))
 
-    def quantiles(self, values: Array, at: Sequence[float]) -> Array:
-        """Return the quantiles `at` of each cell, shape (at, cells): those of `bench.statistics.summary.quantiles`."""
-        ordered = np.where(np.isnan(values), np.inf, values)[self.order]
-        ordered = ordered[np.lexsort([ordered, np.repeat(np.arange(len(self.count)), self.count)])]
-        quantiles = np.empty((len(at), len(self.begins)))
-        for i, q in enumerate(at):
-            place = q * (self.count - 1)
-            below = place.astype(np.int64)
-            share = place - below
-            low = ordered[self.begins + below]
-            high = ordered[self.begins + np.minimum(below + 1, self.count - 1)]
-            with np.errstate(invalid="ignore"):
-                between = np.where(share == 0, low, (1 - share) * low + share * high)
-            quantiles[i] = np.clip(between, low, high)
-        return quantiles
-
     def medians(self, values: Array) -> Array:
         """Return the median of each cell's values, those that are NaN left out; NaN of none."""
         known = self.count - self.sums(np.isnan(values))

@@ -116,7 +116,11 @@ def _statistics(runs: Columns, cells: ByCell) -> dict[str, Any]:
     low, high = np.full(len(count), np.nan), np.full(len(count), np.nan)
     for i in np.flatnonzero((level == level) & chances(runs, cells)):
         low[i], high[i] = success_interval(int(won[i]), int(count[i]))
-    q1, median, q3 = cells.quantiles(answers(runs), QUARTILES)
+    # quartiles of what was answered and what was seen, shapes (cells,)
+    (q1, median, q3), (_, seen, _) = (
+        np.array([quantiles(values[cells.rows(i)], QUARTILES) for i in range(len(count))]).reshape(-1, 3).T
+        for values in (answers(runs), floats(runs["best_value"]))
+    )
     unit = plain(runs["unit"]) if "unit" in runs else [None] * len(charged)
     phi = floats(runs["gauge_phi"])
     with np.errstate(invalid="ignore"):
@@ -144,7 +148,7 @@ def _statistics(runs: Columns, cells: ByCell) -> dict[str, Any]:
         "best_q1": q1,
         "best_median": median,
         "best_q3": q3,
-        "seen_median": cells.quantiles(floats(runs["best_value"]), (0.5,))[0],
+        "seen_median": seen,
         "charged_median": cells.medians(charged),
         "charged_to_target": cells.medians(np.where(hit, reached, np.nan)),
         "inside_box": cells.sums(inside),

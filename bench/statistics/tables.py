@@ -77,14 +77,14 @@ def calibrated(runs: pd.DataFrame) -> pd.DataFrame:
     answered = runs[columns][runs["parameter_values"].notna()]
     cells, listed = by_cell(answered), lists_of(answered["parameter_values"])
     rows = []
-    for number, (_, first) in enumerate(answered.iloc[cells.first].iterrows()):
-        parameters = parameters_in(first)
+    for number, first in enumerate(answered.iloc[cells.first].to_dict("records")):
+        names, parameters = {name: first[name] for name in CELL}, parameters_in(first)
         if not parameters:
             continue
         values = listed.table(cells.rows(number))
         for p, column, (q1, median, q3) in zip(parameters, values.T, quantiles(values, QUARTILES).T, strict=True):
             rows.append(
-                dict(first[CELL])
+                names
                 | {
                     "parameter": p.name, "unit": p.unit, "true": np.nan if p.true is None else p.true,
                     "start_value": p.start, "median": median, "q1": q1, "q3": q3,
@@ -94,7 +94,7 @@ def calibrated(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def parameters_in(row: Mapping[str, Any] | pd.Series) -> tuple[Parameter, ...]:
+def parameters_in(row: Mapping[Any, Any] | pd.Series) -> tuple[Parameter, ...]:
     """Return the parameters that a row tells of: those that its problem declares."""
     columns = [row.get(name) for name in OF_PARAMETERS]
     if any(not isinstance(column, Iterable) for column in columns):  # of a problem without parameters
