@@ -11,7 +11,6 @@ from calibench import discrepancy, problems
 from calibench.discrepancy import DataError, MeasuredData, Model, machines
 from calibench.discrepancy.machines.orthoglide.formulation import Orthoglide, planned
 from calibench.discrepancy.machines.orthoglide.kinematics import printed
-from calibench.discrepancy.model.machine import complex_step_slopes
 from calibench.problems.orthoglide.plans import SetName, covariance, paper_plan
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
@@ -31,12 +30,12 @@ def _spoiled(name: str) -> tuple:
 
 
 @pytest.mark.parametrize("name", ["exp2", "exp1"])
-def test_slopes_agree_with_a_complex_step_on_a_machine_with_everything_wrong(name: str) -> None:
+def test_slopes_are_differences_on_a_machine_with_everything_wrong(name: str) -> None:
     formulation, q = _spoiled(name)
-    slopes, stepped = formulation.slopes(q), complex_step_slopes(formulation, q)
-    assert set(slopes) == set(stepped)
-    for key, slope in slopes.items():
-        np.testing.assert_allclose(slope, stepped[key], rtol=1e-9, atol=1e-11, err_msg=key)
+    for key, slope in formulation.slopes(q).items():
+        step = 1e-6 if key.startswith(_ANGLES) else 1e-4
+        ends = [formulation.constraints(q | {key: q[key] + side * step}) for side in (1, -1)]
+        np.testing.assert_allclose(slope, (ends[0] - ends[1]) / (2 * step), rtol=1e-6, atol=1e-6, err_msg=key)
 
 
 @pytest.mark.parametrize("name", get_args(SetName))

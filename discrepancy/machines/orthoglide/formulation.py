@@ -18,7 +18,15 @@ from calibench.core.options import shown, suggest
 from calibench.discrepancy.fitting.rank import confounded
 from calibench.discrepancy.machines.orthoglide import kinematics
 from calibench.discrepancy.machines.orthoglide.kinematics import Index, accepted, rows_of
-from calibench.discrepancy.model.machine import Description, Formulation, Numbers, Quantities, Quantity, Stated
+from calibench.discrepancy.model.machine import (
+    Description,
+    Formulation,
+    Numbers,
+    Quantities,
+    Quantity,
+    Stated,
+    complex_step_slopes,
+)
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, nominal_numbers, positive
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import Instrument, Roles
@@ -112,10 +120,7 @@ class Parallelism:
         """Return modelled minus read deviations, shape (n, 1), mm."""
         return (kinematics.deviations(rows_of(self.data), q) - q["deviation"])[:, None]
 
-    def slopes(self, q: Quantities) -> dict[str, Array]:
-        slopes = kinematics.slopes(rows_of(self.data), q)
-        slopes["deviation"] = -np.ones(len(self.data))
-        return {name: value[:, None] for name, value in slopes.items()}
+    slopes = complex_step_slopes
 
     def decorrelate(self, rows: Array) -> Array:
         """Return C^-1/2 rows, where sigma^2 C is the covariance of the deviations, eq. (14) for any plan."""

@@ -35,7 +35,7 @@ from calibench.discrepancy.model.machine import Numbers, Quantities
 from calibench.discrepancy.model.measured import Column, DataError, MeasuredData, refuse_rows
 from calibench.problems import constants
 from calibench.problems.base import Array
-from calibench.problems.orthoglide.kinematics import AXES, NAMES, PAPER, geometry, inverse_kinematics
+from calibench.problems.orthoglide.kinematics import AXES, PAPER, geometry, inverse_kinematics
 from calibench.problems.orthoglide.plans import Reading, SetName, check_deviations, check_plan, measured
 
 PAIRS = tuple((i, j) for i in range(3) for j in range(3) if i != j)
@@ -48,153 +48,53 @@ IMPERFECTIONS = (
 
 
 def deviations(rows: Rows, q: Quantities) -> Numbers:
-    """Return the deviations the gauges must show, shape (n,), mm."""
-    after, before, zero = _lines(rows, q)
-    now, then = ((at.rise - zero.rise) / (1 - at.slope * q["gauge_pitch"]) for at in (after, before))
-    return np.asarray(now - np.where(rows.against == 0, 0.0, then))  # a pitched gauge slides along a sloping leg
-
-
-def slopes(rows: Rows, q: Quantities) -> dict[str, Array]:
-    """Return the derivative of `deviations` in each quantity but the reading, name -> (n,)."""
-    after, before, zero = _lines(rows, q)
-    pitch, along = q["gauge_pitch"], np.eye(3)[rows.leg]
-    compared = np.where(rows.against == 0, 0.0, -1.0)
-    found = {name: np.zeros(len(rows.level)) for name in (*NAMES, *IMPERFECTIONS)}
-    centre_zero, tool_zero = np.zeros((2, len(rows.level), 3))
-    for at, weight, when in ((after, 1.0, ""), (before, compared, "_zero")):
-        # d rise / d place of the leg's line, (n, 3)
-        across, across_zero = (line.reads - line.slope[:, None] * along for line in (at, zero))
-        rise = at.rise - zero.rise
-        gain = weight / (1 - at.slope * pitch)
-        lever = weight * rise * pitch / (1 - at.slope * pitch) ** 2 / at.span
-        on_centre = across * ((1 - at.share) * gain - lever)[:, None]
-        _push(found, rows, at.posture, on_centre, across * (at.share * gain + lever)[:, None], when, True)
-        turned = _dot(at.crossing, at.turn) - _dot(zero.crossing, at.turn)  # d rise / d roll
-        leaning = _dot(at.posture.end - at.posture.centre, at.turn) / at.span  # d slope / d roll
-        found["gauge_roll"] += gain * turned + weight * rise * pitch * leaning / (1 - at.slope * pitch) ** 2
-        found["gauge_pitch"] += weight * rise * at.slope / (1 - at.slope * pitch) ** 2
-        plane = gain * (at.slope - zero.slope)
-        found["gauge_shift"] += plane
-        across_zero = across_zero * -gain[:, None]
-        centre_zero += across_zero * (1 - zero.share)[:, None] + along * (plane * (1 - rows.share))[:, None]
-        tool_zero += across_zero * zero.share[:, None] + along * (plane * rows.share)[:, None]
-    _push(found, rows, zero.posture, centre_zero, tool_zero, "_zero", rows.against == 0)
-    return found
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class _Posture:
-    """Joint centres and axes, shape (n, 3, 3) and (3, n, 3), true joints and lengths, tool and bar's end, (n, 3).
-
-    `centre` is the joint centre of the leg that is measured, (n, 3); `norms` those of the axes before, (3, n).
-    """
-
-    centres: Numbers
-    centre: Numbers
-    axes: Numbers
-    norms: Numbers
-    joints: Numbers
-    lengths: Numbers
-    tool: Numbers
-    end: Numbers
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class _Line:
-    """The line of the measured leg in a posture, as its gauge sees it, shapes (n,) and (n, 3).
-
-    A gauge `reads` in a direction across the leg, which changes by `turn` with its roll. `share` is mu of section 3.2,
-    the share of the leg at which it crosses the gauge's plane, at `crossing`; `rise` is where that is along the
-    direction read, `slope` how much the leg rises there for a step along its axis, `span` its length along the axis.
-    """
-
-    posture: _Posture
-    reads: Numbers
-    turn: Numbers
-    span: Numbers
-    slope: Numbers
-    share: Numbers
-    crossing: Numbers
-    rise: Numbers
-
-
-def _lines(rows: Rows, q: Quantities) -> list[_Line]:
-    """Return the lines at the posture, at the one that it is compared with, and at Zero."""
-    zero = _posture(rows, q, np.zeros(len(rows.level)), "_zero", rows.against == 0)
+    """Return the deviations the gauges must show, shape (n,), mm; analytic in all quantities."""
     along, roll = np.eye(3)[rows.leg], np.asarray(q["gauge_roll"])[..., None]
     read, other = np.eye(3)[rows.direction], np.eye(3)[3 - rows.leg - rows.direction]
-    reads, turn = np.cos(roll) * read + np.sin(roll) * other, np.cos(roll) * other - np.sin(roll) * read
+    reads = np.cos(roll) * read + np.sin(roll) * other
+    zero = _leg(rows, q, np.zeros(len(rows.level)), "_zero", rows.against == 0)
     # where a gauge's plane cuts the leg's axis, eq. (10) for a gauge at any share
-    plane = rows.share * _dot(zero.end, along) + (1 - rows.share) * _dot(zero.centre, along) + q["gauge_shift"]
+    plane = rows.share * _dot(zero[1], along) + (1 - rows.share) * _dot(zero[0], along) + q["gauge_shift"]
 
-    lines = []
-    for at in (_posture(rows, q, rows.level, "", True), _posture(rows, q, rows.against, "_zero", True), zero):
-        leg = at.end - at.centre
-        span = _dot(leg, along)
-        share = (plane - _dot(at.centre, along)) / span
-        crossing = at.centre + share[:, None] * leg
-        slope, rise = _dot(leg, reads) / span, _dot(crossing, reads)
-        lines.append(_Line(at, reads, turn, span=span, slope=slope, share=share, crossing=crossing, rise=rise))
-    return lines
+    def seen(leg: tuple[Numbers, Numbers]) -> tuple[Numbers, Numbers]:
+        """Return where a leg crosses the plane, along what is read, and how much it rises there for a step on."""
+        centre, way = leg[0], leg[1] - leg[0]
+        span = _dot(way, along)
+        crossing = centre + ((plane - _dot(centre, along)) / span)[:, None] * way  # at mu of section 3.2
+        return _dot(crossing, reads), _dot(way, reads) / span
 
-
-def _push(
-    found: dict[str, Array], rows: Rows, at: _Posture, centre: Array, tool: Array, when: str, where: Array | bool
-) -> None:
-    """Add to `found` what a posture's quantities do, given d read / d centre of the leg and d read / d bar's end."""
-    rays = at.tool[:, None, :] - at.centres  # M of the relations before eq. (5)
-    weights = np.linalg.solve(rays.swapaxes(1, 2), tool[:, :, None])[:, :, 0]
-    on_centres = weights[:, :, None] * rays
-    on_centres[np.arange(len(centre)), rows.leg] += centre
-    for i, axis in enumerate(AXES):
-        joint, length = _dot(on_centres[:, i], at.axes[i]), weights[:, i] * at.lengths[:, i]
-        found[f"drho_{axis}"] += joint
-        found[f"dL_{axis}"] += length
-        found[f"joint_{axis}{when}"] += np.where(where, joint, 0.0)
-        found[f"length_{axis}{when}"] += np.where(where, length, 0.0)
-    for i, j in PAIRS:
-        ij = AXES[i] + AXES[j]
-        lean = (np.eye(3)[j] - at.axes[i] * at.axes[i][:, j : j + 1]) / at.norms[i][:, None]
-        for kind, value in (
-            ("tilt", at.joints[:, i] * _dot(on_centres[:, i], lean)),
-            ("offset", on_centres[:, i, j]),
-            ("skew", np.where(rows.leg == i, tool[:, j], 0.0)),
-        ):
-            found[f"{kind}_{ij}"] += value
-            found[f"{kind}_{ij}{when or '_now'}"] += np.where(where, value, 0.0)
+    at_zero, shown = seen(zero)[0], []
+    for level, when in ((rows.level, ""), (rows.against, "_zero")):
+        rise, slope = seen(_leg(rows, q, level, when, True))
+        shown.append((rise - at_zero) / (1 - slope * q["gauge_pitch"]))  # a pitched gauge slides along a sloping leg
+    return np.asarray(shown[0] - np.where(rows.against == 0, 0.0, shown[1]))
 
 
-def _posture(rows: Rows, q: Quantities, level: Array, when: str, moment: Array | bool) -> _Posture:
-    """Return the posture with the tool sent to `level`; errors of the moment `when` count where `moment`."""
+def _leg(rows: Rows, q: Quantities, level: Array, when: str, moment: Array | bool) -> tuple[Numbers, Numbers]:
+    """Return the joint centre of the measured leg and the tool end of its bar, (n, 3), with the tool at `level`.
+
+    Errors of the moment `when` count where `moment`.
+    """
     commanded, n = rows.joints(level), len(level)
-    joints, lengths, centres, axes, norms = [], [], [], [], []
+    lengths, centres = [], []
     for i, axis in enumerate(AXES):
-        joints.append(commanded[:, i] + q[f"drho_{axis}"] + np.where(moment, q[f"joint_{axis}{when}"], 0.0))
-        longer = np.where(moment, q[f"length_{axis}{when}"], 0.0)
-        lengths.append(geometry().length + q[f"dL_{axis}"] + longer + np.zeros(n))
+        joint = commanded[:, i] + q[f"drho_{axis}"] + np.where(moment, q[f"joint_{axis}{when}"], 0.0)
+        lengths.append(geometry().length + q[f"dL_{axis}"] + np.where(moment, q[f"length_{axis}{when}"], 0.0))
         leaning = _components(i, "tilt", q, n, 1.0, when, moment)
-        norms.append(np.sqrt(_dot(leaning, leaning)))
-        axes.append(leaning / norms[i][:, None])
-        centres.append(_components(i, "offset", q, n, 0.0, when, moment) + joints[i][:, None] * axes[i])
-    radii = np.stack(lengths, axis=1)
+        leaning = leaning / np.sqrt(_dot(leaning, leaning))[:, None]
+        centres.append(_components(i, "offset", q, n, 0.0, when, moment) + joint[:, None] * leaning)
     # where three spheres meet on the side of the origin, shape (n, 3): eqs. (2) solved without rotation
     one, two = centres[1] - centres[0], centres[2] - centres[0]
-    b1 = (_dot(one, one) + radii[:, 0] ** 2 - radii[:, 1] ** 2) / 2
-    b2 = (_dot(two, two) + radii[:, 0] ** 2 - radii[:, 2] ** 2) / 2
+    b1 = (_dot(one, one) + lengths[0] ** 2 - lengths[1] ** 2) / 2
+    b2 = (_dot(two, two) + lengths[0] ** 2 - lengths[2] ** 2) / 2
     g11, g12, g22 = _dot(one, one), _dot(one, two), _dot(two, two)
     square = g11 * g22 - g12**2  # of twice the triangle's area
     foot = ((b1 * g22 - b2 * g12) / square)[:, None] * one + ((b2 * g11 - b1 * g12) / square)[:, None] * two
-    normal = np.cross(one, two)
-    height = np.sqrt((radii[:, 0] ** 2 - _dot(foot, foot)) / square)
-    tool = np.asarray(centres[0] + foot - height[:, None] * normal)
+    height = np.sqrt((lengths[0] ** 2 - _dot(foot, foot)) / square)
+    tool = centres[0] + foot - height[:, None] * np.cross(one, two)
     skew = np.stack([_components(i, "skew", q, n, 0.0, when, moment) for i in range(3)], axis=1)
-    stacked, measured_leg = np.stack(centres, axis=1), (np.arange(n), rows.leg)
-    return _Posture(
-        stacked, stacked[measured_leg], np.stack(axes), norms=np.stack(norms), joints=np.stack(joints, axis=1),
-        lengths=radii, tool=tool, end=tool + skew[measured_leg],
-    )  # fmt: skip
+    measured_leg = np.arange(n), rows.leg
+    return np.stack(centres, axis=1)[measured_leg], tool + skew[measured_leg]
 
 
 def _components(i: int, kind: str, q: Quantities, n: int, own: float, when: str, moment: Array | bool) -> Numbers:
