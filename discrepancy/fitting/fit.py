@@ -30,7 +30,6 @@ from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 _REWEIGHTED = 30  # times at most, between two looks at the slopes
-_BLOCK = 2048  # rows of a block that a processor's cache holds
 _DESCENDED = 1e-3, 1e-6  # change of the cost, of itself and of the whole, at which a descent ends
 _DIGITS = 1e-13  # of the numbers in a constraint: a model that is this near meets them in all digits
 _WIDTH = 50.0  # standard deviations to either side of the fit that the box of a coefficient reaches at least
@@ -235,11 +234,7 @@ def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
     root = np.sqrt(noise.weights(r))
     if len(r) >= _SUMMED and (step := step_by_sums(r, J, root, damping)) is not None:
         return step
-    if len(r) <= _BLOCK:
-        A, b = J * root[:, None], -root * r
-    else:  # the triangle of the weighted rows, and -r transformed in the same way: lengths and angles stay
-        whole = triangle(np.column_stack([J, -r]), root)
-        A, b = whole[:, :-1], whole[:, -1]
+    A, b = J * root[:, None], -root * r
     size = np.sqrt((A**2).sum(axis=0))
     size[size == 0] = 1.0
     A = A / size
@@ -268,13 +263,6 @@ def step_by_sums(r: Array, J: Array, root: Array, damping: float) -> Array | Non
         return None
     right = weighted.T @ (r if weighted is J else root * r) / size
     return np.asarray(-cho_solve((L, True), right, check_finite=False) / size)
-
-
-def triangle(A: Array, root: Array | None = None) -> Array:
-    """Return R of the decomposition of very many rows A, (N, p), each times its `root` if given, block by block."""
-    blocks = [slice(start, start + _BLOCK) for start in range(0, len(A), _BLOCK)]
-    parts = [np.linalg.qr(A[b] if root is None else A[b] * root[b, None], mode="r") for b in blocks]
-    return np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))
 
 
 def _descend(model: Model, noise: Noise, x: Array, readings: Array, steps: int) -> Array:

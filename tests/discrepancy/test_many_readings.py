@@ -11,7 +11,7 @@ from benchmarks.blind.gpm2002.simulate import case
 from calibench.core.notes import Code
 from calibench.discrepancy import MeasuredData, explain
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.fitting.fit import fit, step_by_sums, triangle
+from calibench.discrepancy.fitting.fit import fit, step_by_sums
 from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
@@ -22,12 +22,6 @@ from calibench.discrepancy.search.stepwise import is_calm, select_stepwise
 from calibench.discrepancy.thresholds import THRESHOLDS, using
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
-
-
-def test_blocks_fold_into_the_triangle_of_all_rows() -> None:
-    A = np.random.default_rng(0).normal(size=(5000, 4)) * [1.0, 1e3, 1e-3, 1.0]
-    R = triangle(A)
-    assert np.allclose(R.T @ R, A.T @ A, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-3])
