@@ -39,7 +39,6 @@ _OF_RUN = "it follows the time of its run, which no other run shares"
 _LOST = "the machine has no value there with all that is expected"
 _BEYOND = "the size that fits there is one that no machine has"
 _DIGITS = 1e-10  # of the largest singular value, below which a direction is rounding
-_HELD = 1e-9  # of the squares of a column: what only one pose determines stays where it is without that pose
 
 
 def carried(report: Report, others: Sequence[MeasuredData]) -> Report:
@@ -225,11 +224,8 @@ def _gains(joint: Fit, one: _Expected) -> tuple[float, float]:
     errors = []
     for found in (without, joint):
         root = np.sqrt(found.noise.weights(found.r))
-        J = found.J * root[:, None]
-        size = np.sqrt((J**2).sum(axis=0))
         each = np.repeat(fold, found.at.misclosure.shape[1])
-        left_out = errors_left_out(J / np.where(size > 0, size, 1.0), root * found.r, each, np.full(J.shape[1], _HELD))
-        errors.append(float(np.sum(left_out**2)))
+        errors.append(float(np.sum(errors_left_out(found.J * root[:, None], root * found.r, each) ** 2)))
     taken = len(places) * np.log(len(joint.r))
     return (without.cost - joint.cost) / _left(joint) - taken, (errors[0] - errors[1]) / _left(joint)
 

@@ -26,6 +26,7 @@ from calibench.problems.base import Array
 
 _MOST = 0.75  # of the sum of squares: without the reading the error is less than half
 _FEW = 8  # readings: of fewer, one is more than an eighth of them all
+_HELD = 1e-9  # part of a column's square that is added, so that what only left-out rows determine is held
 
 
 # unseen readings, the row that makes most of their error, and how many times what it was before the error is without it
@@ -203,11 +204,18 @@ def folds(data: MeasuredData, count: int) -> Array:
     return np.asarray(np.unique(whole, return_inverse=True)[1] % count)
 
 
-def errors_left_out(J: Array, y: Array, fold: Array, held: Array) -> Array:
+def errors_left_out(
+    J: Array, y: Array, fold: Array, smooth: Array | None = None, square: float = 1.0
+) -> Array:  # fmt: skip
     """Return the errors of y, (N,), in each fold left out in turn, predicted by the columns J, (N, p), of the others.
 
-    `held`, (p,), is added to the squares of the columns.
+    A direction of J that only the rows left out determine is held. To the squares of `smooth` columns (N, m), whose
+    weights are small before the data, a `square` is added.
     """
+    size = np.sqrt((J**2).sum(axis=0))
+    J, held = J / np.where(size > 0, size, 1.0), np.full(J.shape[1], _HELD)
+    if smooth is not None:
+        J, held = np.concatenate([J, smooth], axis=1), np.append(held, np.full(smooth.shape[1], square))
     whole, right, errors = J.T @ J, J.T @ y, np.empty(len(y))
     for k in np.unique(fold):
         out = fold == k

@@ -433,8 +433,7 @@ def _likelihood(o: Option, effect: Effect, top: Option, fields: Sequence[Array])
 def _likelihood_and_count(o: Option, effect: Effect, top: Option, fields: Sequence[Array]) -> tuple[float, int]:
     at, k = o.fit, len(effect.coefficients)
     J, own = np.split(at.J, [len(at.x) - len(o.effect.coefficients)], axis=1)
-    size = np.linalg.norm(J, axis=0)
-    Q = orthonormal(J / np.where(size > 0, size, 1.0), _FULL)
+    Q = orthonormal(J, _FULL)
     root = np.sqrt(at.noise.weights(top.fit.r))[:, None]
     without = own @ at.x[J.shape[1] :] - at.r  # what the effect has to explain
     y = project_off(without * root[:, 0], Q, times=2)
@@ -506,8 +505,7 @@ def _drawn(
         return None
     root = np.sqrt(at.noise.weights(top.fit.r))
     J = at.J * root[:, None]
-    size = np.linalg.norm(J, axis=0)
-    Q = orthonormal(J[:, :-k] / np.where(size > 0, size, 1.0)[:-k], _FULL)
+    Q = orthonormal(J[:, :-k], _FULL)
     D = project_off(J[:, -k:], Q, times=2)
     y = project_off(at.r * root, Q, times=2) + D @ c
     likely = []

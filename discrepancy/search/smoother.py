@@ -32,7 +32,6 @@ _MARGIN = 0.15  # of the range, by which the cosines' domain is wider at either 
 _LENGTHS = (0.015, 0.03, 0.06, 0.12, 0.25, 0.5)  # of the range
 _SIZES = np.geomspace(0.03, 100.0, 15)  # amplitudes tried, in sigma
 _PASSES = 3
-_HELD = 1e-9  # part of a column's square that is added, so that what only left-out poses determine is held
 _NOTHING = 1e-12  # part of the largest variance of a weight: cosines below it are left out
 
 
@@ -136,8 +135,6 @@ def _components(base: Fit, terms: tuple[SmoothTerm, ...]) -> tuple[Component, ..
     at, on, y, gain = part.at, projected_scores(part), base.noise.scores(part.r), base.noise.gain
     n, c = at.misclosure.shape
     J, data, whiten = part.J, part.model.formulation.data, at.whiten
-    size = np.sqrt((J**2).sum(axis=0))
-    J = J / np.where(size > 0, size, 1.0)
     fold = np.repeat(folds(data, t.folds), c)
     pose = np.unique(data["pose_id"] if data.has("pose_id") else np.arange(len(data)), return_inverse=True)[1]
     pose = np.repeat(pose, c)
@@ -167,7 +164,7 @@ def _components(base: Fit, terms: tuple[SmoothTerm, ...]) -> tuple[Component, ..
     # the most likely ones in turn, with the variance of each weight; `B` are their columns scaled to a variance of 1
     chosen: dict[int, Array] = {}
     B, raws = np.zeros((len(y), 0)), np.zeros((len(y), 0))
-    best = errors_left_out(J, y, fold, np.full(J.shape[1], _HELD)) ** 2
+    best = errors_left_out(J, y, fold) ** 2
     while len(chosen) < min(t.smooth_most, len(tried)):
         rest = _rest(B, on.y, on.degrees)
         scaled, y_scaled = B / rest, on.y / rest
@@ -190,9 +187,7 @@ def _components(base: Fit, terms: tuple[SmoothTerm, ...]) -> tuple[Component, ..
         raw = raw_of(component, component.waves(data.columns)[0])
         more = np.concatenate([B, seen * np.sqrt(variances)], axis=1)
         further = np.concatenate([raws, raw * np.sqrt(variances)], axis=1)
-        held = np.full(further.shape[1], _rest(more, on.y, on.degrees) ** 2)
-        held = np.concatenate([np.full(J.shape[1], _HELD), held])
-        error = errors_left_out(np.concatenate([J, further], axis=1), y, fold, held) ** 2
+        error = errors_left_out(J, y, fold, further, _rest(more, on.y, on.degrees) ** 2) ** 2
         gained = np.bincount(pose, best - error)
         if not gained.sum() > t.smooth_sure * np.sqrt(np.sum(gained**2)):
             break
@@ -216,18 +211,15 @@ def left_out(at: Fit, fold: Array) -> Array:
     """
     data, c, gain = at.at.model.formulation.data, at.at.misclosure.shape[1], at.noise.gain
     own = [(e, one) for e in at.model.effects if isinstance(e, Smooth) for one in e.components]
-    y, columns, held = at.noise.scores(at.r), [at.J], [np.full(at.J.shape[1], _HELD)]
-    size = np.sqrt((at.J**2).sum(axis=0))
-    columns[0] = at.J / np.where(size > 0, size, 1.0)
+    y, columns = at.noise.scores(at.r), [np.empty((len(at.r), 0))]
     for effect, one in own:
-        met = data.with_columns(smooth_columns(effect.formulation.on(data), effect.x))
-        met = data if all(name in data for name in one.columns) else met
+        there = all(name in data for name in one.columns)
+        met = data if there else data.with_columns(smooth_columns(effect.formulation.on(data), effect.x))
         raw = at.at.whiten(at.at.slopes[one.quantity][:, :, None] * one.waves(met.columns)[0][:, None, :]) * gain
         some = one.variances > _NOTHING * max(float(one.variances.max()), 1e-300)
         y = y - raw[:, some] @ one.weights[some]
         columns.append(raw[:, some] * np.sqrt(one.variances[some]))
-        held.append(np.ones(int(some.sum())))
-    return errors_left_out(np.concatenate(columns, axis=1), y, np.repeat(fold, c), np.concatenate(held))
+    return errors_left_out(at.J, y, np.repeat(fold, c), np.concatenate(columns, axis=1))
 
 
 def _rest(B: Array, y: Array, degrees: int) -> float:

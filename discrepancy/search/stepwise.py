@@ -37,8 +37,6 @@ Controls = tuple[Fit, Mapping[str, Shuffled]]  # the fit whose names were shuffl
 _MARGIN = 20.0  # delta BIC: where gains are small, a ratio of them says nothing
 _NOTHING_LEFT = 2  # degrees of freedom: with fewer left nothing could check a name
 _SAME = 1e-4  # squared length of a direction beside the other candidate: below this both have the direction in common
-# part of a column's square that is added, so that a direction that only the left-out poses determine is held
-_HELD = 1e-9
 _HALF = 0.5  # of the shuffles
 _ASKED = 20  # of the tests with the smallest p, whether they hold where noise differs from row to row
 
@@ -349,11 +347,10 @@ def predicts_better(current: Fit, found: Option) -> bool:
 
 def _squares_left_out(at: Fit, scores: Callable[[Array], Array], own: int = 0, without: bool = False) -> float:
     """Return the sum of the squared scores of a fit's errors on its poses, each left out in turn, to first order."""
-    size, data, fitted = np.sqrt((at.J**2).sum(axis=0)), at.model.formulation.data, len(at.x) - own
-    y, J = at.r - at.J[:, fitted:] @ at.x[fitted:], at.J / np.where(size > 0, size, 1.0)
-    J = J[:, :-own] if without else J
+    data, fitted = at.model.formulation.data, len(at.x) - own
+    y, J = at.r - at.J[:, fitted:] @ at.x[fitted:], at.J[:, :-own] if without else at.J
     fold = np.repeat(folds(data, thresholds().folds), len(at.r) // len(data))
-    return float(np.sum(scores(errors_left_out(J, y, fold, np.full(J.shape[1], _HELD))) ** 2))
+    return float(np.sum(scores(errors_left_out(J, y, fold)) ** 2))
 
 
 def _smooth_explains(
