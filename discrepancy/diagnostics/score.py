@@ -354,8 +354,6 @@ def family_wise(p: float, law: Array, tests: int) -> float:
     return float(min(bonferroni, p / law[edge] * (edge + 1) / len(law)))
 
 
-_NEXT = 64  # readings after a change that are whitened anew, and twice as many until it is forgotten
-_FORGOTTEN = 1e-10
 _TOGETHER = 200_000  # numbers of a signature that are multiplied at once: a processor's cache holds them
 
 
@@ -368,18 +366,16 @@ class Sums:
     the smallest part that is kept is 2e-4. Where each reading's noise is independent, a change of a quantity enters by
     its slope, whitened and multiplied into Q and y once for all candidates; so a sum runs over readings, not
     constraints. A change from some reading on is a sum from there to the end, so that a scan for its place costs one
-    pass. Where noise is correlated between readings, the readings after the change are whitened again until the
-    readings before the change have no influence.
+    pass. Where noise is correlated between readings, each candidate is whitened by itself.
     """
 
     def __init__(self, fit: Fit, targets: Array) -> None:
         self.fit, self.targets = replace(fit, at=fit.at.lean), targets  # slopes are kept as long as the sums
         rows, data = fit.at.misclosure, fit.at.model.formulation.data
-        plain = fit.at.model.formulation.decorrelate(rows) is rows
-        self._apart = plain and fit.at.whiten.band is None
+        self._apart = fit.at.model.formulation.decorrelate(rows) is rows and fit.at.whiten.band is None
         # (c, n, t): one after the other, so that sums over the constraints of a reading run over whole arrays
         self._by_constraint = np.ascontiguousarray(targets.reshape(*rows.shape, -1).transpose(1, 0, 2))
-        self._clock = np.asarray(data["t_s"]) if plain and data.has("t_s") else np.empty(0)
+        self._clock = np.asarray(data["t_s"]) if self._apart and data.has("t_s") else np.empty(0)
         if np.any(np.diff(self._clock) < 0):
             self._clock = np.empty(0)
         self._ends: dict[tuple[str, ...], Array] = {}
@@ -443,28 +439,8 @@ class Sums:
 
     def _from(self, names: Sequence[str], start: int) -> tuple[Array, Array]:
         """Return the products of columns that are quantities' slopes from reading `start` on."""
-        n = len(self._clock)
-        near = start if self._apart else min(start + _NEXT, n)
-        while start < near < n:  # until the transient of whitening that begins at `start` has decayed
-            for name in names:
-                anew = self._anew(name, start, near)
-                if not np.all(np.abs(anew[-1] - self._slope(name)[near - 1]) <= _FORGOTTEN * np.abs(anew).max()):
-                    near = min(start + 2 * (near - start), n)
-                    break
-            else:
-                break
-        square = np.array([[self._end(a, b)[near] for b in names] for a in names])
-        across = np.stack([self._end(name)[near] for name in names], axis=-1)
-        if near > start:
-            anew = np.stack([self._anew(name, start, near).ravel() for name in names], axis=-1)
-            there = self.targets.reshape(n, -1, self.targets.shape[1])[start:near].reshape(len(anew), -1)
-            square, across = square + anew.T @ anew, across + there.T @ anew
-        return square, across
-
-    def _anew(self, name: str, start: int, stop: int) -> Array:
-        """Return the whitened slope of readings `start` to `stop`, (m, c), as if no reading came before `start`."""
-        slope = self.fit.at.slopes[name][start:stop]
-        return self.fit.at.whiten.of(slice(start, stop), slope.shape[1])(slope).reshape(slope.shape)
+        square = np.array([[self._end(a, b)[start] for b in names] for a in names])
+        return square, np.stack([self._end(name)[start] for name in names], axis=-1)
 
     def _end(self, *names: str) -> Array:
         """Return the sums from each reading to the end, (n + 1, ...): of a pull, or of a pair."""

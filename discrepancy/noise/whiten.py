@@ -165,12 +165,6 @@ class Whitener:
         n, c, t = rows.shape
         return _solved(self.band, rows.reshape(n * c, t), "T").reshape(n, c, t)
 
-    def of(self, rows: slice, c: int) -> Whitener:
-        """Return the whitener of some successive rows of `c` constraints each, as if no row came before them."""
-        if self.band is None:
-            return Whitener(self.blocks[rows], None)
-        return Whitener(self.blocks, self.band[:, rows.start * c : rows.stop * c])
-
 
 def whitener(slopes: Array, sigma: Array, autocorrelation: float, place: Array) -> Whitener:
     """Return the whitener of slopes B, (n, c, k), in readings of standard deviation `sigma`, (n, k)."""
