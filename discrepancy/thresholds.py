@@ -96,8 +96,6 @@ class Thresholds:
         "design to tell them apart")  # fmt: skip
     forms_looked_at: int = _of(5, JUDGED, "forms", "most forms of one name (places of a step, time constants) that a "
         "design computes")  # fmt: skip
-    confounded_times: float = _of(20.0, JUDGED, "1", "two parameters are confounded where each standard error is this "
-        "many times that of their combination")  # fmt: skip
     small_seen: float = _of(0.05, JUDGED, "part of the signature", "part of a direction that calibration must leave, "
         "for tests of a handful of readings")  # fmt: skip
 

@@ -2,34 +2,29 @@
 
 At a fit, a parameter whose column is a combination of others' columns is held at its nominal value. It and those others
 have no standard deviation, because only their combination is determined. Equations are counted by rank as well:
-constraints of a reading that its noise cannot change independently count once. Two parameters are confounded where each
-alone has a wide standard error, but one combination of the two a narrow one.
+constraints of a reading that its noise cannot change independently count once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 from typing import Any, final
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from calibench.core.notes import Code, Note
-from calibench.core.words import plain
 from calibench.discrepancy.fitting.fit import Fit, fit, fit_at, readings_of
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.model.model import Model, relearned
-from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array, Parameter
 
 _SEEN = 1e-9  # part of a column, all scaled to length 1, that must be left beside the others for it to be told
 _TAKES_PART = 1e-6  # of a combination, scaled likewise
 _TAKES_A_PART = 0.02  # of one that is nearly undetermined, scaled by the bounds
 _ANY = 1e12  # sigma, for the width of a parameter without bounds
-_WHOLE = 0.05  # a factor nearer to 1 is taken for 1
 _COSTS = 4.0  # cost, times that of the far fit, up to which the fit with held parameters is taken
 
 
@@ -160,39 +155,3 @@ def spread(at: Fit, lacking: tuple[Undetermined, ...]) -> Array:
     sd = np.sqrt(np.diag(at.covariance()))[: len(names)]
     sd[np.isin(names, [name for u in lacking for name in (u.name, *u.others)])] = np.nan
     return sd
-
-
-@final
-@dataclass(frozen=True)
-class Confounded:
-    """Two parameters with their standard deviations, and that of the well-known `first - factor * second`."""
-
-    first: str
-    second: str
-    sd: tuple[float, float]
-    factor: float
-    known: float
-
-    def __str__(self) -> str:
-        size = "" if abs(self.factor) == 1 else f"{plain(abs(self.factor), 3)} "
-        sign = "-" if self.factor > 0 else "+"
-        alone = f"{self.first} ± {plain(self.sd[0], 2)}, {self.second} ± {plain(self.sd[1], 2)}"
-        return f"{alone}, {self.first} {sign} {size}{self.second} ± {plain(self.known, 2)}"
-
-
-def confounded(names: Sequence[str], J: Array, sigma: float) -> tuple[Confounded, ...]:
-    """Return the confounded pairs, given slopes J, (n, p), of readings with standard deviation `sigma`."""
-    C = np.linalg.inv(J.T @ J) * sigma**2
-    sd = np.sqrt(np.diag(C))
-    tied = np.abs(C / np.outer(sd, sd) - np.eye(len(sd)))
-    found: list[Confounded] = []
-    for i, j in sorted(combinations(range(len(sd)), 2), key=lambda pair: -tied[pair]):
-        if any(names[k] in (e.first, e.second) for k in (i, j) for e in found):
-            continue
-        factor = float(C[i, j] / C[j, j])
-        if abs(abs(factor) - 1) < _WHOLE:
-            factor = float(np.sign(factor))
-        known = float(np.sqrt(max(C[i, i] - 2 * factor * C[i, j] + factor**2 * C[j, j], 0.0)))
-        if known * thresholds().confounded_times < min(sd[i], abs(factor) * sd[j]):
-            found.append(Confounded(names[i], names[j], (float(sd[i]), float(sd[j])), factor, known))
-    return tuple(sorted(found, key=lambda e: list(names).index(e.first)))

@@ -7,34 +7,12 @@ import pytest
 
 from benchmarks.blind.orthoglide import case, unequal
 from calibench.discrepancy import MeasuredData, machines
-from calibench.discrepancy.fitting.rank import confounded
 from calibench.discrepancy.machines.orthoglide.formulation import planned
 from calibench.discrepancy.validation import folds
 from tests.discrepancy.orthoglide_score import explained
 from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
-
-
-def test_two_columns_alike_are_known_by_their_difference_only() -> None:
-    rng = np.random.default_rng(0)
-    a, b = rng.standard_normal((2, 200))
-    (pair,) = confounded(("one", "two", "three"), np.column_stack([a, -a + 1e-3 * b, b]), 0.01)
-    assert (pair.first, pair.second, pair.factor) == ("one", "two", 1.0)
-    J = np.column_stack([a, -a + 1e-3 * b, b])
-    C = np.linalg.inv(J.T @ J) * 1e-4
-    assert pair.sd == pytest.approx(np.sqrt(np.diag(C))[:2])
-    assert pair.known == pytest.approx(np.sqrt(np.array([1, -1, 0]) @ C @ [1, -1, 0]))
-    assert "one - two ±" in str(pair)
-
-
-def test_a_factor_and_a_sum_are_written_out() -> None:
-    rng = np.random.default_rng(1)
-    a, b = rng.standard_normal((2, 200))
-    (pair,) = confounded(("one", "two"), np.column_stack([2 * a, a + 1e-4 * b]), 0.01)
-    assert pair.factor == pytest.approx(-0.5, abs=1e-3)
-    assert "one + 0.5 two" in str(pair)
-    assert confounded(("one", "two"), np.column_stack([a, b]), 0.01) == ()
 
 
 @pytest.mark.parametrize("free", few(1, ["full", "rho", pytest.param("L", marks=pytest.mark.slow)]))

@@ -15,7 +15,7 @@ import numpy as np
 
 from calibench.core.notes import Code
 from calibench.core.options import shown, suggest
-from calibench.discrepancy.fitting.rank import confounded
+from calibench.core.words import plain
 from calibench.discrepancy.machines.orthoglide import kinematics
 from calibench.discrepancy.machines.orthoglide.kinematics import Index, accepted, rows_of
 from calibench.discrepancy.model.machine import (
@@ -39,6 +39,7 @@ from calibench.problems.orthoglide.plans import PlanName, SetName, named_plan
 FreeName = Literal["auto", "full", "rho", "L"]
 _FREE = {"full": NAMES, "rho": NAMES[:3], "L": NAMES[3:]}
 _WIDTH = 10.0  # mm
+_TIED = 20.0  # times the standard error of its difference, that of either of two numbers known by this alone
 
 
 @machines.register("orthoglide")
@@ -68,8 +69,17 @@ class Orthoglide:
         slopes = full.decorrelate(np.concatenate([each[p.name] for p in full.parameters], axis=1))
         s = np.linalg.svd(slopes, compute_uv=False)
         seen = len(s) > 0 and int((s > 1e-9 * s[0]).sum()) == len(NAMES)
-        tied = confounded([p.name for p in full.parameters], slopes, full.sigma["deviation"]) if seen else ()
-        if tied:  # held-out rows count, because the remark is about the plan
+        tied = []  # axes whose offset and length have wide standard errors and their difference a narrow one, in words
+        if seen:  # held-out rows count, because the remark is about the plan
+            C = np.linalg.inv(slopes.T @ slopes) * full.sigma["deviation"] ** 2
+            offsets, lengths = np.sqrt(np.diag(C)).reshape(2, 3)
+            apart = np.sqrt(np.maximum(offsets**2 + lengths**2 - 2 * np.diag(C[:3, 3:]), 0.0))
+            tied = [
+                f"drho_{a} ± {plain(one, 2)}, dL_{a} ± {plain(other, 2)}, drho_{a} - dL_{a} ± {plain(both, 2)}"
+                for a, one, other, both in zip(AXES, offsets.tolist(), lengths.tolist(), apart.tolist())
+                if _TIED * both < min(one, other)
+            ]
+        if tied:
             held = {
                 "rho": "the lengths dL are held, and the offsets take up what they are wrong by: ",
                 "L": "the offsets drho are held, and the lengths take up what is wrong: ",
@@ -78,7 +88,7 @@ class Orthoglide:
                 "joint offsets drho and leg lengths dL are not identifiable one beside the other on these readings; "
                 f"{held}only their differences are known. Standard errors with all free [mm]: "
             )
-            data = data.with_note(Code.UNDETERMINED, note + "; ".join(map(str, tied)))
+            data = data.with_note(Code.UNDETERMINED, note + "; ".join(tied))
         if free != "auto" or seen:
             return _parallelism(data, "full" if free == "auto" else free, nominal)
         note = "the readings cannot tell all six parameters apart: only the joint offsets drho were calibrated"
