@@ -2,7 +2,7 @@
 
 A column's unit stands in its Parquet field or CSV header, the rest as JSON in the metadata, the first line or a file
 beside it; the command line goes before. A Parquet footer is looked at first, as kilobytes can state a billion rows; so
-is a MATLAB file before SciPy reads it. There a table is vectors of one length, fields of a struct among them, or a
+are the shapes that a MATLAB file states. There a table is vectors of one length, fields of a struct among them, or a
 matrix beside a list of its columns' names; files of version 7.3 are HDF5 and not read.
 """
 
@@ -12,9 +12,7 @@ import csv
 import io
 import json
 import re
-import struct
 import warnings
-import zlib
 from collections import Counter
 from collections.abc import Collection, Mapping
 from contextlib import suppress
@@ -45,7 +43,7 @@ from calibench.core.tables.columns import (
     rename,
 )
 from calibench.core.tables.csv_table import Table, heads, read_excel, read_table
-from calibench.core.words import DEEPEST, counted, depth, shortened
+from calibench.core.words import DEEPEST, counted, depth
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -417,12 +415,6 @@ def pairs_of(key: str, value: Any) -> dict[str, str]:
     return {str(name): word for name, word in pairs.items()}
 
 
-_LARGEST_UNPACKED = 200 * data_file.MEGABYTE  # twice the most numbers, and words
-_MOST_SIDES = 32  # of an array, to NumPy 1
-_DEEPEST = 10  # arrays inside arrays: a list of words inside a struct is 3
-_HEAD, _PACKED, _SHAPE, _ARRAY = 128, 15, 5, 14  # bytes before the first element; kinds of elements
-
-
 def read_matlab(path: Path, text: Collection[str] = ()) -> Columns:
     """Return the columns, of which `text` hold words, and the units that names in brackets state."""
     from scipy.io import loadmat, whosmat  # which no other file needs
@@ -434,17 +426,14 @@ def read_matlab(path: Path, text: Collection[str] = ()) -> Columns:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            _check_elements(content)
             stated = whosmat(file)
-            count = sum(int(np.prod(shape)) for _, shape, _ in stated)
-            if count > data_file.MOST_NUMBERS:
-                raise DataError(f"has {count} numbers, and at most {data_file.MOST_NUMBERS} are read; {_SMALLER}")
+            _check_count(sum(int(np.prod(shape)) for _, shape, _ in stated))
             twice = next((name for name, times in Counter(name for name, *_ in stated).items() if times > 1), None)
             if twice is not None:
                 raise DataError(f"column {twice} is there twice; give each a name of its own")
             file.seek(0)
             variables = loadmat(file, squeeze_me=True, struct_as_record=True, chars_as_strings=True)
-    except (DataError, MemoryError):
+    except DataError:
         raise
     except Exception as error:  # scipy raises what zlib, NumPy and its own checks raise
         raise DataError(
@@ -461,6 +450,7 @@ def read_matlab(path: Path, text: Collection[str] = ()) -> Columns:
             fields |= {field: np.array([one[field] for one in array.ravel()]) for field in array.dtype.names}
         else:
             fields[name] = value
+    _check_count(sum(map(np.size, fields.values())))
     columns, notes = _columns(fields)
     names, units = heads(list(columns))
     data_file.check_columns(len(names))
@@ -473,50 +463,9 @@ def read_matlab(path: Path, text: Collection[str] = ()) -> Columns:
     return Columns(plain, notes=notes, units=units)
 
 
-def _check_elements(content: bytes) -> None:
-    """Raise `DataError` for variables that unpack to too much, state too much, or stand too deep in each other.
-
-    A file of version 5 (also 6 and 7) is a row of elements: kind, length, content, of which an array has its flags,
-    its shape, its name and then its values, or further arrays. Source: MathWorks, MAT-File Format, 2024, chapter 1.
-    """
-    order = {b"IM": "<", b"MI": ">"}.get(content[_HEAD - 2 : _HEAD])
-    if order is None:
-        return  # version 4, which packs and nests nothing
-    unpacked, at = 0, _HEAD
-    while at + 8 <= len(content):
-        kind, size = struct.unpack_from(f"{order}II", content, at)
-        at, inside = at + 8 + size, content[at : at + 8 + size]
-        if kind == _PACKED:
-            inside = zlib.decompressobj().decompress(inside[8:], _LARGEST_UNPACKED - unpacked + 1)
-            unpacked += len(inside)
-            if unpacked > _LARGEST_UNPACKED:
-                most = _LARGEST_UNPACKED // data_file.MEGABYTE
-                raise DataError(f"unpacks to more than {most} MB, and no more are read; {_SMALLER}")
-        ahead = [(0, len(inside), 0)]
-        while ahead:
-            start, end, deep = ahead.pop()
-            at_part, first = start, True
-            while at_part + 8 <= end:
-                kind, size = struct.unpack_from(f"{order}II", inside, at_part)
-                if kind >> 16:  # kind and length in one word, and the content in the other
-                    at_part += 8
-                    continue
-                begin, at_part = at_part + 8, at_part + 8 + size + -size % 8
-                if kind == _ARRAY:
-                    if deep == _DEEPEST:
-                        raise DataError(
-                            f"has arrays more than {_DEEPEST} deep in each other; write the columns by themselves"
-                        )
-                    ahead.append((begin, min(begin + size, end), deep + 1))
-                elif kind == _SHAPE and first and deep:
-                    shape = np.frombuffer(inside, f"{order}i4", min(size, end - begin) // 4, begin)
-                    count = np.prod(shape, dtype=float)
-                    if len(shape) > _MOST_SIDES or shape.min(initial=0) < 0:
-                        raise DataError(f"has an array of the shape {shortened(str(shape.tolist()))}, which is none")
-                    if count > data_file.MOST_NUMBERS:
-                        most = data_file.MOST_NUMBERS
-                        raise DataError(f"has {count:.0f} numbers, and at most {most} are read; {_SMALLER}")
-                    first = False
+def _check_count(count: int) -> None:
+    if count > data_file.MOST_NUMBERS:
+        raise DataError(f"has {count} numbers, and at most {data_file.MOST_NUMBERS} are read; {_SMALLER}")
 
 
 def _columns(named: dict[str, Any]) -> tuple[dict[str, Any], tuple[Note, ...]]:
