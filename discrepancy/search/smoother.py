@@ -7,7 +7,7 @@ one after the other, while they also predict left-out poses better. Outside the 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import final
 
 import numpy as np
@@ -169,16 +169,11 @@ def _components(base: Fit, terms: tuple[SmoothTerm, ...]) -> tuple[Component, ..
         rest = _rest(B, on.y, on.degrees)
         scaled, y_scaled = B / rest, on.y / rest
         known = cho_factor(np.eye(B.shape[1]) + scaled.T @ scaled) if B.shape[1] else None
-        open_to = {
-            k: _Beside.of(seen, squares[k], lengths, scaled, y_scaled, known, on.degrees, 1 / rest**2)
+        fitted = {
+            k: _beside(seen, squares[k], lengths, scaled, y_scaled, known, on.degrees, 1 / rest**2)
             for k, (_, seen, lengths) in enumerate(tried)
             if k not in chosen
         }
-        fitted: dict[int, tuple[float, Array]] = {}
-        for k in sorted(open_to, key=lambda k: -open_to[k].most):
-            if fitted and open_to[k].most < max(worth for worth, _ in fitted.values()):
-                break  # nor can any that follows be likelier
-            fitted[k] = open_to[k].likeliest()
         k = max(fitted, key=lambda k: fitted[k][0])
         if fitted[k][0] < t.smooth_gain:
             break
@@ -231,58 +226,34 @@ def _rest(B: Array, y: Array, degrees: int) -> float:
     return float(np.sqrt(square))
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _Beside:
-    """A component beside the chosen ones: products of its cosines, with each other G (m, m) and with the scores b.
+def _beside(
+    seen: Array, G: Array, lengths: Array, B: Array, y: Array, known: tuple[Array, bool] | None, degrees: int,
+    least: float,
+) -> tuple[float, Array]:  # fmt: skip
+    """Return the gain in log-likelihood of a component, of its likeliest length and size, and its weights' variances.
 
-    `total` are the squares of the scores that the chosen ones leave; `lengths` has the variances of its weights.
+    It is that of cosines `seen` (N, m), of square `G`, whose weights have the variances of one of `lengths`, beside the
+    chosen columns B of scores y; `known` is the factor of the latter.
     """
-
-    G: Array
-    b: Array
-    total: float
-    lengths: Array
-    degrees: int
-    least: float
-
-    @classmethod
-    def of(
-        cls, seen: Array, G: Array, lengths: Array, B: Array, y: Array, known: tuple[Array, bool] | None, degrees: int,
-        least: float,
-    ) -> "_Beside":  # fmt: skip
-        """Return it of cosines `seen` (N, m), of square G, beside columns B, of which `known` is the factor."""
-        b, total = seen.T @ y, float(y @ y)
-        if known is not None:
-            C, d = B.T @ seen, B.T @ y
-            solved = cho_solve(known, np.column_stack([C, d]))
-            G, b, total = G - C.T @ solved[:, :-1], b - C.T @ solved[:, -1], total - float(d @ solved[:, -1])
-        return cls(G, b, total, lengths, degrees, least)
-
-    @cached_property
-    def most(self) -> float:
-        """Return a number that no length and no size exceed in gain: weights are free but for the largest variance."""
-        held = np.eye(len(self.b)) / (_SIZES[-1] ** 2 * self.lengths.max())
-        left = self.total - float(self.b @ np.linalg.solve(self.G + held, self.b))
-        rest = max(self.least, left / self.degrees)
-        return -0.5 * (self.degrees * float(np.log(rest)) + left / rest - self.total)
-
-    def likeliest(self) -> tuple[float, Array]:
-        """Return the gain in log-likelihood, and the variances of the weights."""
-        best = (-np.inf, 0.0, 0)
-        for length, variances in enumerate(self.lengths):
-            some = variances > _NOTHING * variances.max()  # a long length has few cosines
-            roots = np.sqrt(variances[some])
-            values, vectors = np.linalg.eigh(roots[:, None] * self.G[np.ix_(some, some)] * roots)
-            squares = (vectors.T @ (roots * self.b[some])) ** 2
-            a = _SIZES[:, None] ** 2
-            sizes = 1 + a * np.maximum(values, 0)
-            left = self.total - (a * squares / sizes).sum(axis=1)
-            rest = np.maximum(self.least, left / self.degrees)
-            worth = -0.5 * (self.degrees * np.log(rest) + left / rest - self.total + np.log(sizes).sum(axis=1))
-            k = int(np.argmax(worth))
-            best = max(best, (float(worth[k]), _SIZES[k], length), key=lambda solved: solved[0])
-        return best[0], best[1] ** 2 * self.lengths[best[2]]
+    b, total, a = seen.T @ y, float(y @ y), _SIZES[:, None] ** 2
+    if known is not None:
+        C, d = B.T @ seen, B.T @ y
+        solved = cho_solve(known, np.column_stack([C, d]))
+        G, b, total = G - C.T @ solved[:, :-1], b - C.T @ solved[:, -1], total - float(d @ solved[:, -1])
+    best, likeliest = -np.inf, lengths[0]
+    for variances in lengths:
+        some = variances > _NOTHING * variances.max()  # a long length has few cosines
+        roots = np.sqrt(variances[some])
+        values, vectors = np.linalg.eigh(roots[:, None] * G[np.ix_(some, some)] * roots)
+        squares = (vectors.T @ (roots * b[some])) ** 2
+        grown = 1 + a * np.maximum(values, 0)
+        left = total - (a * squares / grown).sum(axis=1)
+        rest = np.maximum(least, left / degrees)
+        worth = -0.5 * (degrees * np.log(rest) + left / rest - total + np.log(grown).sum(axis=1))
+        k = int(np.argmax(worth))
+        if worth[k] > best:
+            best, likeliest = float(worth[k]), _SIZES[k] ** 2 * variances
+    return best, likeliest
 
 
 NEAR = 0.3  # of what is more than noise: a formula that explains less is no hint

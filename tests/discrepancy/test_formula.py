@@ -21,7 +21,7 @@ from calibench.discrepancy.formula.grammar import Atom, FormulaEffect, Run, Term
 from calibench.discrepancy.formula.search import _Search
 from calibench.discrepancy.registries import effects
 from calibench.discrepancy.report import Report
-from calibench.discrepancy.search.smoother import _Beside
+from calibench.discrepancy.search.smoother import _SIZES, _beside
 from calibench.discrepancy.thresholds import THRESHOLDS, using
 from calibench.problems.base import Array, Parameter
 
@@ -230,11 +230,16 @@ def test_terms_explain_what_their_whitened_columns_do_however_noise_is_carried_o
         assert T[k] == pytest.approx((left @ on.y) ** 2 / (left @ left) if ranks[k] else 0.0, rel=1e-6)
 
 
-def test_no_smooth_function_is_likelier_than_its_bound() -> None:
+def test_a_smooth_function_is_as_likely_as_by_the_whole_covariance() -> None:
     rng = np.random.default_rng(5)
-    for _ in range(20):
-        seen, y = rng.standard_normal((80, 12)), rng.standard_normal(80) * 3
-        lengths = np.exp(-np.outer([0.1, 0.5, 2.0], np.arange(12.0)))
-        B = rng.standard_normal((80, 5))
-        one = _Beside.of(seen, seen.T @ seen, lengths, B, y, cho_factor(np.eye(5) + B.T @ B), 70, 1.0)
-        assert one.likeliest()[0] <= one.most
+    seen, y, B = rng.standard_normal((80, 12)), rng.standard_normal(80) * 3, rng.standard_normal((80, 5))
+    lengths = np.exp(-np.outer([0.1, 0.5, 2.0], np.arange(12.0)))
+    gain, variances = _beside(seen, seen.T @ seen, lengths, B, y, cho_factor(np.eye(5) + B.T @ B), 70, 1.0)
+    chosen, gains = np.eye(80) + B @ B.T, []
+    for of_weights in (variances, *(size**2 * one for size in _SIZES for one in lengths)):
+        V = chosen + (seen * of_weights) @ seen.T
+        left, total = (float(y @ np.linalg.solve(one, y)) for one in (V, chosen))
+        noise, wide = max(1.0, left / 70), np.linalg.slogdet(V)[1] - np.linalg.slogdet(chosen)[1]
+        gains.append(-0.5 * (70 * np.log(noise) + left / noise - total + wide))
+    assert gain == pytest.approx(gains[0], rel=1e-9)
+    assert gain == pytest.approx(max(gains), rel=1e-9)
