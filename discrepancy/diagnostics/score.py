@@ -416,7 +416,9 @@ class Sums:
                 self._ends.clear()
                 last = effect.target
             if isinstance(effect, ChangePoint) and len(self._clock):
-                square, across = self._from(effect.quantities, int(np.searchsorted(self._clock, effect.at)))
+                names, start = effect.quantities, int(np.searchsorted(self._clock, effect.at))
+                square = np.array([[self._end(one, other)[start] for other in names] for one in names])
+                across = np.stack([self._end(name)[start] for name in names], axis=-1)
                 found[place] = square * np.outer(effect.ones, effect.ones), across * effect.ones
                 continue
             zero, formulation = np.zeros(len(effect.coefficients)), at.model.formulation
@@ -436,11 +438,6 @@ class Sums:
         for some in alike.values():
             multiply(some)
         return found
-
-    def _from(self, names: Sequence[str], start: int) -> tuple[Array, Array]:
-        """Return the products of columns that are quantities' slopes from reading `start` on."""
-        square = np.array([[self._end(a, b)[start] for b in names] for a in names])
-        return square, np.stack([self._end(name)[start] for name in names], axis=-1)
 
     def _end(self, *names: str) -> Array:
         """Return the sums from each reading to the end, (n + 1, ...): of a pull, or of a pair."""
