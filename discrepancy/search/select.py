@@ -150,7 +150,7 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     named = [s for s in best_of_each(tests.names, on) if s.m]
     if not named:
         return ()
-    # a step is taken at the best of its effects.finer places: at the wrong one of two readings it would be far behind
+    # a step is taken at the best of its finer places: at the wrong one of two readings it would be far behind
     top = max(delta_bic(s, on) for s in named)
     ranked = []
     for s in named:
@@ -221,7 +221,7 @@ def _in_order(found: Sequence[Option]) -> tuple[Option, ...]:
 
 
 def option(base: Fit, scored: score.Scored, on: score.ProjectedScores) -> Option:
-    """Return a scored candidate fitted exactly, a change point at the best of its effects.finer places too."""
+    """Return a scored candidate fitted exactly, a change point at the best of its finer places too."""
     best = _refit(base, scored, on)
     if near := _finer(scored.effect, base.model.formulation.data):
         fine = best_of_each([s for s, _ in score.score_all(base, on, near, sums=True)], on)[0]
