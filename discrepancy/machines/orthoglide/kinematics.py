@@ -56,18 +56,17 @@ def deviations(rows: Rows, q: Quantities) -> Numbers:
     # where a gauge's plane cuts the leg's axis, eq. (10) for a gauge at any share
     plane = rows.share * _dot(zero[1], along) + (1 - rows.share) * _dot(zero[0], along) + q["gauge_shift"]
 
-    def seen(leg: tuple[Numbers, Numbers]) -> tuple[Numbers, Numbers]:
-        """Return where a leg crosses the plane, along what is read, and how much it rises there for a step on."""
-        centre, way = leg[0], leg[1] - leg[0]
-        span = _dot(way, along)
-        crossing = centre + ((plane - _dot(centre, along)) / span)[:, None] * way  # at mu of section 3.2
-        return _dot(crossing, reads), _dot(way, reads) / span
-
-    at_zero, shown = seen(zero)[0], []
-    for level, when in ((rows.level, ""), (rows.against, "_zero")):
-        rise, slope = seen(_leg(rows, q, level, when, True))
-        shown.append((rise - at_zero) / (1 - slope * q["gauge_pitch"]))  # a pitched gauge slides along a sloping leg
-    return np.asarray(shown[0] - np.where(rows.against == 0, 0.0, shown[1]))
+    # where each leg crosses the plane, at mu of section 3.2, along what is read, and how much it rises for a step on
+    now, then = _leg(rows, q, rows.level, "", True), _leg(rows, q, rows.against, "_zero", True)
+    rises, climbs = [], []
+    for centre, end in (zero, now, then):
+        span = _dot(end - centre, along)
+        crossing = centre + ((plane - _dot(centre, along)) / span)[:, None] * (end - centre)
+        rises.append(_dot(crossing, reads))
+        climbs.append(_dot(end - centre, reads) / span)
+    # a pitched gauge slides along a sloping leg
+    after, before = ((rises[k] - rises[0]) / (1 - climbs[k] * q["gauge_pitch"]) for k in (1, 2))
+    return np.asarray(after - np.where(rows.against == 0, 0.0, before))
 
 
 def _leg(rows: Rows, q: Quantities, level: Array, when: str, moment: Array | bool) -> tuple[Numbers, Numbers]:
