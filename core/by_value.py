@@ -23,7 +23,7 @@ def by_value(self: Any) -> tuple[Any, ...]:
                 return copyreg.__newobj__, (type(value),), vars(value)  # type: ignore[attr-defined]
             return super().reducer_override(value)
 
-    for module in user_file.loaded():
+    for module in user_file.LOADED.values():
         cloudpickle.register_pickle_by_value(module)
     Whole(written := BytesIO()).dump(vars(self))
     return _read, (type(self), written.getvalue())

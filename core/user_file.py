@@ -19,7 +19,7 @@ from typing import cast
 
 from calibench.core import sources
 
-_LOADED: dict[Path, ModuleType] = {}
+LOADED: dict[Path, ModuleType] = {}
 KEPT: list[None] = []  # not empty: what is loaded is kept, whatever has become of its file
 
 
@@ -31,7 +31,7 @@ def is_file_path(name: str) -> bool:
 def place_of(name: str) -> Path:
     """Return the file of FILE.py:NAME, absolute."""
     file = Path(name.rpartition(":")[0])
-    return file if file in _LOADED else file.expanduser().resolve()  # which asks the system for each folder above it
+    return file if file in LOADED else file.expanduser().resolve()  # which asks the system for each folder above it
 
 
 def told_name(file: Path) -> str:
@@ -45,7 +45,7 @@ def load(file: Path) -> ModuleType:
     What the import sets in the process acts in runs of its classes alone (`core.own_state`).
     Raises `ImportError` where a module that it imports by name is another file's, and what the file itself raises.
     """
-    known = _LOADED.get(file)
+    known = LOADED.get(file)
     if known is not None:
         if KEPT:
             return known
@@ -94,13 +94,8 @@ def load(file: Path) -> ModuleType:
                 f"it imports {name}, which in this process is {loaded} and not {path}; "
                 "rename one of the two, or run them one by one"
             )
-    _LOADED[file] = module
+    LOADED[file] = module
     return module
-
-
-def loaded() -> tuple[ModuleType, ...]:
-    """Return the modules of all files that `load` has loaded."""
-    return tuple(_LOADED.values())
 
 
 @contextmanager

@@ -67,21 +67,13 @@ def compare_studies(argv: list[str]) -> int:
         print_json({"cells": compared.cells.to_dict("records"), **counts, **only})
     else:
         _print(compared, methods)
-        for name in _changed_problems(first, second):
-            print(f"{name} is of other code, or other data, in B than in A: what differs may be the problem")
+        # the code of each problem, and its file of data, by the runs of both sides
+        codes = [runs[runs["code_digest"].str.len() > 0].groupby("problem")["code_digest"] for runs in (first, second)]
+        a, b = (groups.agg(set).to_dict() for groups in codes)
+        for name in (name for name in a if name in b):
+            if all({"problem", "files"} & {*changed_parts(one, other)} for one in a[name] for other in b[name]):
+                print(f"{name} is of other code, or other data, in B than in A: what differs may be the problem")
     return 1 if compared.count("worse") else 0
-
-
-def _changed_problems(first: pd.DataFrame, second: pd.DataFrame) -> list[str]:
-    """Return the problems in both whose code, or file of data, no run of the one shares with one of the other."""
-    a, b = (
-        runs[runs["code_digest"].str.len() > 0].groupby("problem")["code_digest"].agg(set) for runs in (first, second)
-    )
-    return [
-        name
-        for name in a.index.intersection(b.index)
-        if all({"problem", "files"} & {*changed_parts(one, other)} for one in a[name] for other in b[name])
-    ]
 
 
 def _of_method(runs: pd.DataFrame, name: str) -> pd.DataFrame:

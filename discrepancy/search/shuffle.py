@@ -95,11 +95,11 @@ def shuffled(
         other = data.with_columns({name: np.asarray(data[name])[source] for name in columns})
         moved = effect.basis(at.at.recorded, other, zero)
         each = all(np.allclose(np.asarray(kept[name])[source], moved[name]) for name in kept)
-
-    def alike(other: Effect) -> bool:
-        return other.columns == effect.columns if word == "rows" else bool(order_of(other, formulation)[1])
-
-    rivals = [e for e in family if len(e.coefficients) <= _NUMBERS and alike(e)] if each else []
+    rivals = [e for e in family if len(e.coefficients) <= _NUMBERS] if each else []
+    if word == "rows":
+        rivals = [e for e in rivals if e.columns == effect.columns]
+    else:
+        rivals = [e for e in rivals if order_of(e, formulation)[1]]
     gains = _Sums(at, on, [effect, *rivals]).gains if each else partial(_gains_of_one, at, on, effect, columns)
     sources = np.stack([np.arange(len(data)), *islice(draws, t.shuffles)])
     blocks = np.array_split(sources, range(1, len(sources), _AT_ONCE if each else 1))
