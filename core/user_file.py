@@ -19,7 +19,7 @@ from typing import cast
 
 from calibench.core import sources
 
-LOADED: dict[Path, ModuleType] = {}
+LOADED: dict[Path, ModuleType] = {}  # file -> what it defines
 KEPT: list[None] = []  # not empty: what is loaded is kept, whatever has become of its file
 
 

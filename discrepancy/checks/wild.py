@@ -361,17 +361,15 @@ def _cures_of_table(
         two: dict[tuple[_Change, ...], float] = {pair: left(pair) for pair in pairs}
         if min(two.values(), default=np.inf) < best - falls:
             cures, best = two, min(two.values())
-
-    def enough() -> bool:
-        return best < now - falls and not off * np.exp(best - now) > _FAR_OUT
-
-    if made is not None and shifts and not enough():
+    enough = best < now - falls and not off * np.exp(best - now) > _FAR_OUT
+    if made is not None and shifts and not enough:
         others = [name for change in changes for name in change.columns if name not in made.readings]
         others = [name for name in dict.fromkeys(others) if np.isfinite(data[name]).any()]
         cures = {(one,): left((one,)) for one in (_zero_off(name, data[name], left) for name in others)}
         best = min(cures.values(), default=np.inf)
+        enough = best < now - falls and not off * np.exp(best - now) > _FAR_OUT
     cures = {cure: rest for cure, rest in cures.items() if rest <= best + np.log(_ALIKE)}
-    if not enough():
+    if not enough:
         return "", []
     # so it is in some rows; now in all of them, the wild ones with small weights
     now = np.inf if made is None else left((), surely=True)

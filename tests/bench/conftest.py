@@ -18,7 +18,7 @@ def fresh(tmp_path, monkeypatch):
     """Return a folder of its own, the working one, with registries and loaded files as in a new process."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.setattr(user_file, "_LOADED", {})
+    monkeypatch.setattr(user_file, "LOADED", {})
     for registry in (problems.registry, optimizers.registry):
         monkeypatch.setattr(registry, "_places", {})
         monkeypatch.setattr(registry, "_by_path", {})

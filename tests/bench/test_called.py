@@ -40,7 +40,7 @@ class Bowl:
 @pytest.fixture(autouse=True)
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(user_file, "_LOADED", {})
+    monkeypatch.setattr(user_file, "LOADED", {})
     monkeypatch.delitem(sys.modules, "mine", raising=False)
     for registry in (problems.registry, optimizers.registry):  # as in a new process
         monkeypatch.setattr(registry, "_places", {})

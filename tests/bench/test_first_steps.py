@@ -202,7 +202,7 @@ def test_the_version_of_other_code_is_said_in_words(call):
     with open("mine.py", "w") as file:
         file.write(MINE.replace("(1 - t)", "(1 - t / 2)"))
     sys.modules.pop("mine", None)
-    user_file._LOADED.clear()
+    user_file.LOADED.clear()
     code, _, err = sweep(call)
     assert code == 2
     assert "1 of 1 finished run is of other code" in err

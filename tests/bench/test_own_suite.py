@@ -177,7 +177,7 @@ def test_a_study_is_reported_where_the_files_that_its_problems_read_are_not(call
     for registry in (problems.registry, optimizers.registry):  # as in a new process
         registry._places.clear()
         registry._by_path.clear()
-    user_file._LOADED.clear()
+    user_file.LOADED.clear()
     sys.modules.pop("own_suite", None)
     code, out, err = call("report", "results/s")
     assert code == 0, err
@@ -476,7 +476,7 @@ def test_the_default_of_a_class_of_ones_own_is_known_to_a_choice_of_options(call
     for registry in (problems.registry, optimizers.registry):  # as in a new process
         registry._places.clear()
         registry._by_path.clear()
-    user_file._LOADED.clear()
+    user_file.LOADED.clear()
     assert "the default is not among the settings, or its class is not here" in call("choose", "results/s")[1]
 
 

@@ -53,7 +53,7 @@ pytestmark = pytest.mark.skipif(not CAN_FORK, reason="runs are made in the proce
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(user_file, "_LOADED", {})
+    monkeypatch.setattr(user_file, "LOADED", {})
     for registry in (problems.registry, optimizers.registry):  # as in a new process
         monkeypatch.setattr(registry, "_places", {})
         monkeypatch.setattr(registry, "_by_path", {})

@@ -61,7 +61,7 @@ def forget(monkeypatch, sign):
 
     def forget():
         sign.unlink(missing_ok=True)
-        monkeypatch.setattr(user_file, "_LOADED", {})
+        monkeypatch.setattr(user_file, "LOADED", {})
         for registry in (problems.registry, optimizers.registry):
             monkeypatch.setattr(registry, "_places", {})
             monkeypatch.setattr(registry, "_by_path", {})
