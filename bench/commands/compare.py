@@ -118,6 +118,8 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
             median = " -> ".join(*best_texts([row | {"noisy": False}], "best_median_a", "best_median_b"))
         reached = f"{row['reached_a']}/{row['runs_a']} -> {row['reached_b']}/{row['runs_b']}"
         reached = reached if row["goal"] == row["goal"] else "-"
+        costs = [row[f"charged_to_target_{side}"] for side in "ab"]  # medians of those that reached it
+        reached += f" after {costs[0]:.0f} -> {costs[1]:.0f}" if all(map(isfinite, costs)) else ""
         settings = [str(row[name]) for name in columns]
         marks = [f"◇ {row[name]}" if row[name] else "-" for name in ("outside_a", "outside_b")]
         box = [" -> ".join(marks)] if outside else []

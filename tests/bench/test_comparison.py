@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import re
 import shutil
 
 import numpy as np
@@ -338,11 +339,13 @@ def test_a_problem_of_other_code_is_told(tmp_path, capsys, monkeypatch):
     for study, side in (("a", 1), ("b", 2), ("c", 2)):
         lines = "class P:", f"    lower, upper, start = (-1, -1), ({side}, 1), (0.5, 0.5)", "    __call__ = sum"
         (tmp_path / "mine.py").write_text("\n".join(lines))
-        assert _bench("run", "problem=mine.py:P", "optimizer=pso", "budget=40", "seeds=2", f"study={study}") == 0
+        assert _bench("run", "problem=mine.py:P", "optimizer=pso", "budget=40", "target=-0.5", f"study={study}") == 0
     capsys.readouterr()
     for one, other, told in (("a", "b", True), ("b", "c", False)):
         _bench("compare", f"results/{one}", f"results/{other}")
-        assert ("mine.py:P is of other code, or other data, in B" in capsys.readouterr().out) == told
+        out = capsys.readouterr().out
+        assert ("mine.py:P is of other code, or other data, in B" in out) == told
+        assert re.search(r"\d+/\d+ -> \d+/\d+ after \d+ -> \d+", out)  # what reaching the goal cost
 
 
 def test_where_no_cell_is_in_both_it_says_what_differs(tmp_path, capsys):
