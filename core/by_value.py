@@ -6,6 +6,7 @@ whole, and so does what a user's own file defines. Such a pickle is read by the 
 
 import copyreg
 import pickle
+import sys
 from importlib import import_module
 from io import BytesIO
 from typing import Any
@@ -23,7 +24,7 @@ def by_value(self: Any) -> tuple[Any, ...]:
                 return copyreg.__newobj__, (type(value),), vars(value)  # type: ignore[attr-defined]
             return super().reducer_override(value)
 
-    for module in user_file.LOADED.values():
+    for module in (one for one in user_file.LOADED.values() if sys.modules.get(one.__name__) is one):
         cloudpickle.register_pickle_by_value(module)
     Whole(written := BytesIO()).dump(vars(self))
     return _read, (type(self), written.getvalue())

@@ -130,7 +130,8 @@ class Declared:
                 raise DataError(f"no column {', '.join(missing)}; the header has {', '.join(names)}")
             at = [k for k, name in enumerate(names) if name in known]
             rows = tuple((line, tuple(row[k] if k < len(row) else "" for k in at)) for line, row in table.rows)
-            return in_base_units(columns_of(replace(table, names=tuple(names[k] for k in at), rows=rows), self), self)
+            kept, units = tuple(names[k] for k in at), {name: u for name, u in table.units.items() if name in known}
+            return in_base_units(columns_of(replace(table, names=kept, units=units, rows=rows), self), self)
         except (OSError, ValueError) as error:
             raise ValueError(f"{where}: cannot be read: {error}") from None
 

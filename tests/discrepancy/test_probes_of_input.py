@@ -267,7 +267,7 @@ REFUSED: dict[str, tuple[str, Callable[[Sheet, str], Sheet], str]] = {
     "another_machine": (
         "all",
         lambda s, r: replace(s, before='# measured_data: {"machine": "lathe"}\n'),
-        "machine=lathe",
+        "'lathe' is none of",
     ),
     "an_encoder_that_never_varies": ("gpm2002", lambda s, r: s.column(r, lambda i, c: "1.5"), "enc_2 never varies: is"),
     "one_coordinate_of_every_kind_of_unit": (

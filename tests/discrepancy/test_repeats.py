@@ -174,5 +174,5 @@ def test_a_few_repeats_are_called_too_few_and_not_none() -> None:
 
 def test_repeats_of_other_rows_are_no_noise_under_which_nothing_is_missing():
     data = read_measured(shipped_path("demo_nothing", "gpm2002"), "gpm2002")
-    moved = data.with_columns({"enc_1": np.roll(data["enc_1"], 1)})
+    moved = data.with_columns({"enc_1": np.roll(data["enc_1"], 3)})
     assert explain("gpm2002", moved).verdict == "unknown"

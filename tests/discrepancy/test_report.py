@@ -56,6 +56,17 @@ def test_a_pickled_report_predicts_what_it_predicted(report: Report) -> None:
     assert pickle.loads(pickle.dumps(family)).cause == family.cause
 
 
+def test_a_report_is_pickled_though_a_file_that_was_loaded_is_no_module_any_more(
+    report: Report, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "gone_since.py"
+    file.write_text("SIZE = 1.0")
+    monkeypatch.setattr(user_file, "LOADED", {})
+    assert user_file.load(file).SIZE == 1.0
+    del sys.modules["gone_since"]  # another file of this name would take its place
+    assert pickle.loads(pickle.dumps(report)).to_dict() == report.to_dict()
+
+
 OWN = """
 import numpy as np
 from calibench.discrepancy import Predicted
