@@ -39,10 +39,10 @@ class _Candidate:
 def choose(
     fits: Mapping[str, Fit], levels: Sequence[str], common: Fit
 ) -> tuple[str, dict[str, Fit], dict[str, HeldOut], int]:
-    """Return which of `levels` predicts poses best that were left out, and the number of folds; `common` says what is
+    """Return which of `levels` predicts poses best that were left out, with the fits, their errors, and the folds.
 
-    wild, and the noise. Between them stand the fit of each level by its best tolerance, and its errors of poses left
-    out; those of the best level are of the whole choice, of levels too.
+    The fit of each level is that by its best tolerance, its errors are of poses left out, and of the best level those
+    of the whole choice, of levels too; folds are counted. `common` says what is wild, and the noise.
     """
     fold = folds_of(common.model, FOLDS)
     candidates = [one for level, fit in fits.items() for one in _candidates(level, fit, common, fold)]
