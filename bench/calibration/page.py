@@ -8,15 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from calibench.bench.calibration.words import headline, level_rows, rows_of_changes, rows_of_frame, sentences
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, axes_in, figure_of, save
+from calibench.bench.report.shared.drawing import COLOURS, Drawing, axes_in, figure_of, new_figure, save
 from calibench.bench.report.shared.page import Head, Table, inline_svg, render
 from calibench.bench.store.atomic_file import write_whole
 from calibench.calibration.calibrate import Calibration
@@ -113,8 +111,7 @@ def calibration_figures(answer: Calibration) -> Iterator[tuple[str, Drawing]]:
     table = pd.DataFrame(drawn.position, columns=["x", "y", "z"])
     table = table.assign(before=drawn.before, after=drawn.after).dropna()
     top = float(table["before"].quantile(0.98)) if len(table) else 1.0
-    with rc_context(STYLE):
-        figure = Figure(figsize=(7.2, 3.1), layout="constrained")
+    with new_figure(7.2, 3.1) as figure:
         panels = np.atleast_1d(figure.subplots(1, 2, sharex=True, sharey=True))
         for axes, name in zip(panels, ("before", "after")):
             many, some = len(table) > 800, table.iloc[_some(len(table))]

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from calibench import bench, optimizers, problems
-from calibench.bench.report.shared import drawing
+from calibench.bench.report.shared import artists, drawing
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import tables
 from calibench.bench.store.runs import ResultStore
@@ -34,7 +34,7 @@ def _written(folder, high):
 @pytest.mark.parametrize("high", [3e4, pytest.param(3.0, marks=pytest.mark.slow)])
 def test_joined_minor_ticks_are_the_same_pixels(tmp_path, monkeypatch, high):
     svg, png, _ = _written(tmp_path / "joined", high)
-    monkeypatch.setattr(drawing, "join_minor_ticks", lambda figure: None)
+    monkeypatch.setattr(artists, "join_minor_ticks", lambda figure: None)
     apart_svg, apart_png, _ = _written(tmp_path / "apart", high)
     assert png == apart_png
     assert svg != apart_svg  # the mark of a tick is another element: the test sees the joined ones
@@ -56,7 +56,7 @@ def test_layout_and_png_measure_texts_once(tmp_path, monkeypatch):
 def test_minor_ticks_are_drawn():
     figure, _ = _two_panels()
     with rc_context(drawing.STYLE):
-        drawing.join_minor_ticks(figure)
+        artists.join_minor_ticks(figure)
         figure.draw_without_rendering()
     marks = [line for line in figure.axes[1].lines if type(line).__name__ == "_MinorTicks"]
     assert len(marks) == 1
@@ -66,7 +66,7 @@ def test_minor_ticks_are_drawn():
 def test_minor_ticks_with_labels_stay():
     figure, _ = _two_panels(high=3.0)
     with rc_context(drawing.STYLE):
-        drawing.join_minor_ticks(figure)
+        artists.join_minor_ticks(figure)
         figure.draw_without_rendering()
     assert any(tick.label1.get_text() for tick in figure.axes[0].xaxis.get_minor_ticks())
 

@@ -10,14 +10,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.special import erfc
 
 from calibench.bench.discovery.page.shown import Residuals, Shown
-from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, axes_in, figure_of, save
+from calibench.bench.report.shared.drawing import COLOURS, Drawing, axes_in, figure_of, new_figure, save
 from calibench.core.words import plain
 from calibench.discrepancy.labels import NO_WORDS, effect_label, quantity_label, quantity_of
 from calibench.discrepancy.report import Gap, Place
@@ -61,7 +59,7 @@ def where_map(machine: str, where: Sequence[Place], words: Mapping[str, str] = N
         grid[overs.index(over), targets.index(target)] = strength
     top = max(4.0, float(np.nanmax(grid)))
     size = (2.8 + 0.62 * len(targets), 1.5 + 0.25 * len(overs))
-    with axes_in(None, *size, STYLE | {"axes.grid": False}) as axes:
+    with axes_in(None, *size, {"axes.grid": False}) as axes:
         image = axes.imshow(grid, aspect="auto", cmap="cividis_r", vmin=0, vmax=top)
         for (y, x), value in np.ndenumerate(grid):
             if np.isfinite(value):
@@ -94,8 +92,7 @@ def workspace_map(x: Array, y: Array, residual: Array) -> Drawing:
     grid = np.full((size, size), np.nan)
     grid[table["row"], table["column"]] = table["strength"]
     limit = max(4.0, float(np.nanmax(np.abs(grid))))
-    with rc_context(STYLE | {"axes.grid": False}):
-        figure = Figure(figsize=(4.6, 3.7), layout="compressed")
+    with new_figure(4.6, 3.7, {"axes.grid": False}, layout="compressed") as figure:
         axes = figure.subplots()
         extent = (edges[0][0], edges[0][-1], edges[1][0], edges[1][-1])
         axes.set_facecolor("0.88")  # no readings there: not the white of no residual
@@ -137,8 +134,7 @@ def residual_chart(residuals: Residuals) -> Drawing:
 
     Faint dots are the readings of largest weight; the line joins means of many readings, bars are two standard errors.
     """
-    with rc_context(STYLE):
-        figure = Figure(figsize=(7.2, 3.0), layout="constrained")
+    with new_figure(7.2, 3.0) as figure:
         without, with_it = figure.subplots(1, 2, sharex=True, sharey=True)
         binned = draw_residuals(without, with_it, residuals)
         with_it.set_ylabel("")

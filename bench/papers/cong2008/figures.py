@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib import rc_context
-from matplotlib.figure import Figure
 
 from calibench import problems
 from calibench.bench.papers.ledger import Ours, kept
@@ -142,8 +140,7 @@ def _facts_of(cell: pd.DataFrame) -> tuple[dict[str, Any], dict[str, Any]]:
 def gauge(*_: pd.DataFrame) -> drawing.Drawing:
     """Draw Table 4's and Table 7's printed 12-parameter results on the gauge curve through the true machine."""
     points, curves = once(_GAUGE, _on_gauge)
-    with rc_context(drawing.STYLE):
-        figure = Figure(figsize=(10.2, 4.9), layout="constrained")
+    with drawing.new_figure(10.2, 4.9) as figure:
         for axes, (key, table) in zip(figure.subplots(1, 2), points.groupby("table", sort=False), strict=True):
             held, fitted, scale = (table[name].iloc[0] for name in ("held", "phi", "scale"))
             phi, curve, origin = curves[str(key)]
@@ -266,8 +263,7 @@ def draw(error: str, runs: pd.DataFrame, traces: pd.DataFrame) -> drawing.Drawin
             panels.append((longer, ResultStore(store).traces()))
     printed = {method: constants.column(_PAPER, f"table6.{method}").entries[error.lower()] for method in _METHODS}
     numbers = []
-    with rc_context(drawing.STYLE):
-        figure = Figure(figsize=(1.9 + 4.0 * len(panels), 3.9), layout="constrained")
+    with drawing.new_figure(1.9 + 4.0 * len(panels), 3.9) as figure:
         both = list(np.atleast_1d(figure.subplots(1, len(panels), sharey=True)))
         for axes, (mine, points) in zip(both, panels, strict=True):
             budget = int(mine["budget"].max())

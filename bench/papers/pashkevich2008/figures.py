@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib import rc_context
-from matplotlib.figure import Figure
 
 from calibench import problems
 from calibench.bench.papers.ledger import Printed, Row, Tolerance
 from calibench.bench.papers.pashkevich2008.machine import HALF, fitted, rms, rms_row, rms_tolerance, table1, table2
-from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
+from calibench.bench.report.shared.drawing import COLOURS, Drawing, new_figure
 from calibench.bench.report.study.additions import AddedFigure, Addition
 from calibench.bench.statistics.names import options_seen
 from calibench.problems.orthoglide.kinematics import NAMES
@@ -36,8 +34,7 @@ def orthoglide_residuals(runs: pd.DataFrame, _: pd.DataFrame) -> Drawing:
             for reading, old, new in zip(p.plan, before, residuals, strict=True):
                 rows.append({"data": data, "free": free, "row": reading.label, "before": old, "left": new})
     table = pd.DataFrame(rows)
-    with rc_context(STYLE):
-        figure = Figure(figsize=(10.4, 0.2 + 2.6 * len(data_sets)), layout="constrained")
+    with new_figure(10.4, 0.2 + 2.6 * len(data_sets)) as figure:
         for axes, data in zip(np.atleast_1d(figure.subplots(len(data_sets), 1)), data_sets, strict=True):
             mine = table[table["data"] == data]
             names = list(dict.fromkeys(mine["row"]))

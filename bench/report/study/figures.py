@@ -4,22 +4,19 @@ The critical-difference diagram has the mean ranks of methods on a line, those t
 Demsar, J. Machine Learning Research 7 (2006), figure 1.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import islice
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
-from matplotlib import rc_context
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, entitle, figure_of, look_of, put_legend
+from calibench.bench.report.shared.drawing import COLOURS, Drawing, entitle, figure_of, look_of, new_figure, put_legend
 from calibench.bench.report.study.additions import Additions, Mark
 from calibench.bench.report.study.explored import bands, traces_of
 from calibench.bench.statistics import ranking, summary as stats, tables
@@ -33,6 +30,10 @@ from calibench.bench.store.arrays import lists_of
 from calibench.bench.store.columns import name_rows
 from calibench.core.seeds import digest
 from calibench.core.words import counted
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.image import AxesImage
 
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
 _SEEN = 1500  # cells up to which they have room in one drawing; of more the numbers are in ``overview.csv``
@@ -98,9 +99,8 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
     named = named_methods(runs)
     looks = looks_of(runs, named)
     numbers = []
-    with rc_context(STYLE):
-        room = 1.0 + 0.068 * max(map(len, named))  # of the legend's widest name
-        figure = Figure(figsize=(room + 3.4 * len(errors), 3.7), layout="constrained")
+    room = 1.0 + 0.068 * max(map(len, named))  # of the legend's widest name
+    with new_figure(room + 3.4 * len(errors), 3.7) as figure:
         panels = np.atleast_1d(figure.subplots(1, len(errors), sharex=True))
         for axes, error in zip(panels, errors, strict=True):
             mine = runs[errors_of(runs) == error]
@@ -193,10 +193,9 @@ def target_chart(runs: pd.DataFrame, title: str = "", marks: Sequence[Mark] = ()
     errors = sorted(errors_of(runs).unique())
     table = runs.assign(error=errors_of(runs), method=method_labels(runs), hit=stats.goal_hits(runs))
     table = table[["error", "method", "run_id", "hit", "charged", "status"]]
-    with rc_context(STYLE):
-        room = 3.0 + 0.058 * int(table["method"].map(len).max())  # of a panel and its widest name
-        size = (max(6.2, room * len(errors)), 1.5 + 0.26 * table["method"].nunique())
-        figure = Figure(figsize=size, layout="constrained")
+    room = 3.0 + 0.058 * int(table["method"].map(len).max())  # of a panel and its widest name
+    size = (max(6.2, room * len(errors)), 1.5 + 0.26 * table["method"].nunique())
+    with new_figure(*size) as figure:
         panels = np.atleast_1d(figure.subplots(1, len(errors), sharex=True))
         for axes, error in zip(panels, errors, strict=True):
             mine = table[table["error"] == error]
@@ -221,11 +220,11 @@ def target_chart(runs: pd.DataFrame, title: str = "", marks: Sequence[Mark] = ()
             for mark in marks:
                 axes.axvline(mark.at, color="0.35", ls=":", lw=1)
         for axes in panels:
-            axes.xaxis.set_minor_formatter(NullFormatter())
+            axes.xaxis.set_minor_formatter("")
             low, high = axes.get_xlim()
             if high < 100 * low:  # label 1, 2, 5 of each decade where there are few, and never what lies between
-                axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-                axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+                axes.xaxis.get_major_locator().set_params(subs=(1, 2, 5))
+                axes.xaxis.set_major_formatter("{x:g}")
         panels[0].plot([], [], "o", color=COLOURS[0], label="reached (bar: median)")
         panels[0].plot([], [], ">", mfc="none", mec=COLOURS[1], label="never, spent so much")
         for mark in marks:
@@ -243,8 +242,7 @@ def overview(runs: pd.DataFrame) -> Drawing:
     halves = 1 if len(order) <= 40 or len(columns) > _FIELD else 2
     rows = -(-len(order) // halves)
     width, height, inches = field_size(order, columns, rows)
-    with rc_context(STYLE | FIELD_STYLE):
-        figure = Figure(figsize=(0.9 + halves * width, height), layout="constrained")
+    with new_figure(0.9 + halves * width, height, FIELD_STYLE) as figure:
         panels = np.atleast_1d(figure.subplots(1, halves))
         for i, axes in enumerate(panels):
             mine = order[i * rows : (i + 1) * rows]
@@ -369,8 +367,7 @@ def ecdf_figures(runs: pd.DataFrame, hits: Hits, groups: pd.Series) -> Iterator[
 def runtime_ecdf(runs: pd.DataFrame, hits: Hits, title: str = "") -> Drawing:
     """Draw the share of (run, target) pairs that each method reached, over charged evaluations."""
     numbers = ecdf_of(runs, hits)
-    with rc_context(STYLE):
-        figure = Figure(figsize=(share_width(numbers), 3.7), layout="constrained")
+    with new_figure(share_width(numbers), 3.7) as figure:
         axes = figure.subplots()
         first = runs.iloc[by_cell(runs).first]
         draw_shares(axes, numbers, first.assign(method=method_labels(first)), "cost")
@@ -441,8 +438,7 @@ def draw_shares(axes: Axes, numbers: pd.DataFrame, runs: pd.DataFrame, over: Lit
 def critical_difference(ranked: Ranked) -> Drawing:
     """Return the diagram of `ranked` and its numbers; raises `ValueError` where there is no test (`ranked.refused`)."""
     numbers = ranks_of(ranked)
-    with rc_context(STYLE):
-        figure = Figure(figsize=ranks_size(ranked), layout="constrained")
+    with new_figure(*ranks_size(ranked)) as figure:
         draw_ranks(figure.add_subplot(), ranked)
     return figure, numbers
 

@@ -157,7 +157,7 @@ def printed_table(rows: pd.DataFrame, column_title: Callable[[str], str]) -> Tab
     """Return a printed table beside ours: a row a quantity, a column a method; without true values a row is both."""
     names = method_labels(rows.rename(columns={"method": "optimizer", "options": "optimizer_options"}))
 
-    def cells(row: pd.Series) -> tuple[str, str, str, str]:
+    def cells(row: Mapping[Any, Any]) -> tuple[str, str, str, str]:
         """Return the quantity, what is printed (where it is wrong, crossed out, and what to read), ours, and why."""
         unit = "" if row["unit"] in ("1", "") else f" [{row['unit']}]"
         quantity = row["quantity"].removesuffix(f" as {row['unit']}") + unit
@@ -170,23 +170,25 @@ def printed_table(rows: pd.DataFrame, column_title: Callable[[str], str]) -> Tab
         quantity, why = (str(text).replace("^2", "²").replace("^4", "⁴") for text in (quantity, row["why"]))
         return quantity, printed, ours, macros(CELLS).small(why) if isinstance(row["why"], str) else ""
 
+    lines: list[list[str]] = []
+    records = [(name, row, cells(row)) for name, row in zip(names, rows.to_dict("records"), strict=True)]
     if "true" not in rows:
         heads = [("method", ""), ("quantity", ""), ("printed", "n"), ("ours", "n"), ("n", "n"), ("why", "why")]
-        lines = []
-        for name, (_, row) in zip(names, rows.iterrows(), strict=True):
-            quantity, printed, ours, why = cells(row)
+        for name, row, (quantity, printed, ours, why) in records:
             lines.append([name, quantity, printed, ours, str(row["n"]), why])
         return table(heads, lines)
     methods = list(dict.fromkeys(names))
     heads = [("quantity", ""), ("true", "n"), ("printed", "n"), *((name, "n") for name in methods), ("why", "why")]
-    lines = []
-    for key, part in rows.groupby("table", sort=False):
-        lines.append([column_title(str(key))])
-        for _, same in part.groupby("quantity", sort=False):
-            by_method = {name: cells(row)[2] for name, (_, row) in zip(names[same.index], same.iterrows(), strict=True)}
-            quantity, printed, _, why = cells(same.iloc[0])
-            true = number(same["true"].iloc[0], 7)
-            lines.append([quantity, true, printed, *(by_method.get(name, "–") for name in methods), why])
+    parts: dict[str, dict[str, list[int]]] = {}  # places of the records by table and quantity
+    for place, (_, row, _) in enumerate(records):
+        parts.setdefault(row["table"], {}).setdefault(row["quantity"], []).append(place)
+    for key, part in parts.items():
+        lines.append([column_title(key)])
+        for places in part.values():
+            _, row, (quantity, printed, _, why) = records[places[0]]
+            by_method = {records[place][0]: records[place][2][2] for place in places}
+            true, each = number(row["true"], 7), (by_method.get(name, "–") for name in methods)
+            lines.append([quantity, true, printed, *each, why])
     return table(heads, lines)
 
 

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any, final
 
@@ -101,6 +102,7 @@ def write_report(
     runs, traces, summary, manifest = finished.runs, finished.traces, finished.summary, finished.manifest
     kept, about = Kept.read(store.folder), (study_preset(manifest["study"]) or {}).get("description", "")
     with tables.problems_made_once() as known, _of_problems(runs, additions, known) as asked:
+        import_module("calibench.bench.report.shared.artists")  # with Matplotlib, while that process is at the levels
         tell(1, _STEPS, "when each run reached each target")
         looking, groups, ranked = with_looks(runs, summary), groups_of(runs), figures.ranked_over_tasks(runs)
         levels, stated = next(asked)  # found meanwhile
