@@ -8,10 +8,9 @@ side by side in their common order, some thousand runs at a time.
 import itertools
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
-from functools import partial
 from secrets import token_hex
 from typing import Any, final
 
@@ -19,14 +18,14 @@ import numpy as np
 import pyarrow as pa
 from pyarrow._compute import SortOptions
 
-from calibench.bench.gate.processes import at_once
+from calibench.bench.gate.processes import CAN_FORK, WorkerPool
 from calibench.bench.store import arrays
 from calibench.bench.store.atomic_file import temporary_name, write_whole
-from calibench.bench.store.journal import Record
+from calibench.bench.store.journal import JournalReader, Record
 from calibench.bench.store.tables import ORDER, RUNS, TRACES, Tables, metadata, sealed_writer
 
 _CHUNK = 4_000  # runs that are merged at a time
-_READ = 4 << 20  # bytes of lines that are read from JSON at a time
+_READ = 2 << 20  # bytes of lines that are read from JSON at a time
 _READERS = 4  # processes that do so at once, at most
 _PIECE = 6 << 20  # bytes of a sorted piece
 PIECE = "piece-"  # names of their files begin so
@@ -42,13 +41,12 @@ class Source:
     take: Callable[[int], tuple[pa.Table, pa.Table]]
 
 
-def collect_into(
-    tables: Tables, new: Iterable[Record | pa.Table], drop: set[str], refuse: Callable[[Record], None], workers: int = 1
-) -> None:
-    """Replace the tables by what they hold, without the runs to `drop`, and the `new` runs; the traces appear first.
-
-    A record that no row can be made of is given to `refuse` and left out. So many `workers` read records at once.
-    """
+def collect_into(tables: Tables, new: Iterable[pa.Table], drop: set[str]) -> None:
+    """Replace the tables by what they hold, without the runs to `drop`, and the `new` runs; the traces appear first."""
+    pieces = _pieces(new)
+    some = list(itertools.islice(pieces, 1))
+    if not some and not drop and tables.are_one_pair():
+        return
     origin = metadata(token_hex(8))
     runs_schema, traces_schema = arrays.RUNS_SCHEMA.with_metadata(origin), arrays.TRACES_SCHEMA.with_metadata(origin)
     new_runs = temporary_name(tables.folder / RUNS)
@@ -76,7 +74,7 @@ def collect_into(
 
     with ExitStack() as stack:
         sources: list[Source] = []
-        for piece in _pieces(new, refuse, workers):
+        for piece in itertools.chain(some, pieces):
             batches: Iterable[pa.RecordBatch] = piece.to_batches()
             if sources:  # all but the first are kept in a file
                 path = temporary_name(tables.folder / f"{PIECE}{token_hex(4)}")
@@ -124,7 +122,7 @@ def part_table(records: Sequence[Record]) -> tuple[pa.Table, list[Record]]:
             tables.append(pa.Table.from_arrays(rows, schema=arrays.PART_SCHEMA))
         return pa.concat_tables(tables), []
     except (ValueError, TypeError, OverflowError, pa.ArrowException):
-        if len(records) == 1:
+        if len(records) < 2:
             return arrays.empty_table(arrays.PART_SCHEMA), [*records]
     half = len(records) // 2
     (first, lost), (second, more) = part_table(records[:half]), part_table(records[half:])
@@ -159,29 +157,43 @@ def in_order(rows: pa.Table, traces: pa.Table, place: arrays.Counts | None = Non
     return rows, by_run.drop_columns(["_order"])
 
 
-def _pieces(new: Iterable[Record | pa.Table], refuse: Callable[[Record], None], workers: int) -> Iterator[pa.Table]:
+def in_journals(
+    journals: Sequence[JournalReader], known: Collection[str], refuse: Callable[[Record], None], workers: int = 1
+) -> Iterator[pa.Table]:
+    """Yield the runs of journals that are not `known`, each once, as tables of schema `PART_SCHEMA`.
+
+    A record that no row can be made of is given to `refuse` and left out. So many `workers` (processes) read at once.
+    """
+    spans = [(journal, span) for journal in journals for span in journal.parts(_READ)]
+    size, seen = min(workers, _READERS, len(spans), os.cpu_count() or 1), set(known)
+
+    def read(number: int) -> tuple[pa.Table, list[Record], int]:
+        span = spans[number][1]
+        table, refused = part_table(list(span))
+        return table, refused, span.damaged
+
+    with WorkerPool(read, size) if size > 1 and CAN_FORK else nullcontext() as pool:
+        if pool is not None:
+            pool.begin(range(len(spans)))
+        for number, (journal, _) in enumerate(spans):
+            table, refused, damaged = read(number) if pool is None else pool.take()
+            journal.damaged += damaged
+            for record in refused:
+                if record.run_id not in seen:
+                    refuse(record)
+            first = []
+            for run_id in table["run_id"].to_pylist():
+                first.append(run_id not in seen)
+                seen.add(run_id)
+            yield table if all(first) else arrays.kept(table, arrays.mask_of(np.array(first, dtype=bool)))
+
+
+def _pieces(new: Iterable[pa.Table]) -> Iterator[pa.Table]:
     """Yield the runs as sorted tables of bounded size."""
     held: list[pa.Table] = []
-    waiting: list[list[Record]] = [[]]  # a list for each worker
-    size = 0
-    for one in itertools.chain(new, [None]):  # None: the end
-        if isinstance(one, pa.Table):
-            held.append(one)
-        elif one is not None:
-            waiting[-1].append(one)
-            size += len(one.row) + len(one.trace)
-            if size <= _READ:
-                continue
-            if len(waiting) < min(workers, _READERS):
-                waiting.append([])
-                size = 0
-                continue
-        for table, refused in at_once([partial(part_table, records) for records in waiting if records]):
-            held.append(table)
-            for record in refused:
-                refuse(record)
-        waiting, size = [[]], 0
-        if held and (one is None or sum(each.nbytes for each in held) > _PIECE):
+    for table in itertools.chain(new, [None]):  # None: the end
+        held += [] if table is None else [table]
+        if sum(map(len, held)) and (table is None or sum(each.nbytes for each in held) > _PIECE):
             whole = pa.concat_tables(held).combine_chunks()
             held = [arrays.compute("take", whole, arrays.indices(_order(whole)))]
             del whole

@@ -23,6 +23,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+from math import inf
 from pathlib import Path
 from secrets import token_hex
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, final
@@ -169,13 +171,15 @@ _ENCODER = json.JSONEncoder(separators=(",", ":"), default=_of_numpy, check_circ
 class JournalReader:
     """The whole records of one journal, in order; after them `damaged` counts the lines that cannot be read.
 
+    With `span`, two places in the file, it has those alone whose lines begin there: of `parts` each record is in one.
     A journal that is claimed meanwhile is read all the same; one that is gone is empty: its runs stand in the tables.
     """
 
     path: Path
+    span: tuple[int, float] = (0, inf)
     damaged: int = 0
     count: int = 0
-    _header: dict[str, Any] | None = field(default=None, init=False, repr=False)
+    _header: dict[str, Any] | None = field(default=None, repr=False)
 
     def __iter__(self) -> Iterator[Record]:
         """Yield the records."""
@@ -205,13 +209,25 @@ class JournalReader:
             self._header = next((json.loads(fields[1]) for fields in self._lines(1) if fields[0] == b"H"), None)
         return self._header
 
+    def parts(self, size: int) -> list[JournalReader]:
+        """Return readers of spans of so many bytes; the last is of all that is written beyond them, too."""
+        with suppress(FileNotFoundError), _opened(self.path) as file:
+            begins = range(0, max(1, file.seek(0, os.SEEK_END)), size)
+            return [JournalReader(self.path, span, _header=self.header()) for span in pairwise([*begins, inf])]
+        return []
+
     def _lines(self, splits: int) -> Iterator[list[bytes]]:
         """Yield the fields of each whole line; one without its end is being written, or its writer was killed."""
         self.damaged = 0
+        begin, end = self.span
         with suppress(FileNotFoundError), _opened(self.path) as file:
+            if begin:  # the line that the place before is in is of the span before
+                file.seek(begin - 1)
+                begin += len(file.readline()) - 1
             for line in file:
-                if not line.endswith(b"\n"):
+                if begin >= end or not line.endswith(b"\n"):
                     return
+                begin += len(line)
                 if line == b"\n":
                     continue
                 if len(line) < 11 or line[8:9] != b"\t" or line[:8] != b"%08x" % crc32(memoryview(line)[9:-1]):

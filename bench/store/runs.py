@@ -43,7 +43,7 @@ from calibench.bench.gate.processes import is_gone
 from calibench.bench.provenance.run_id import UNSEEN
 from calibench.bench.store import arrays, manifest as manifests
 from calibench.bench.store.atomic_file import TEMPORARY
-from calibench.bench.store.collection import PIECE, collect_into, in_order, nested, part_table, points_of
+from calibench.bench.store.collection import PIECE, collect_into, in_journals, in_order, nested, part_table, points_of
 from calibench.bench.store.columns import OF_OPTIONS, with_options
 from calibench.bench.store.hits import PROBLEM, columns_for, declared_levels, hit_tables
 from calibench.bench.store.journal import ENDING, FOLDER, Journal, Record, State, claim, journals_in
@@ -439,10 +439,7 @@ class ResultStore:
             where.write_bytes(record.row + b"\n" + record.trace)
             aside[where] = None
 
-        new = _distinct(itertools.chain(*readers), tables.complete() | drop)
-        first = next(new, None)
-        if first is not None or drop or not tables.are_one_pair():
-            collect_into(tables, itertools.chain([] if first is None else [first], new), drop, refuse, workers)
+        collect_into(tables, in_journals(readers, tables.complete() | drop, refuse, workers), drop)
         for reader in readers:
             if reader.damaged:
                 quarantine.mkdir(exist_ok=True)
@@ -534,7 +531,7 @@ def merge(sources: Sequence[Path], target: Path, keep_first: bool = False) -> Me
         joined = into.manifest()
         tables = Tables(target, str(joined["study"]))
         new = _rows_of_others(stores, tables.study, tables.complete())
-        collect_into(tables, new, set(), lambda record: None)
+        collect_into(tables, new, set())
         plans.insert(0, joined.copy())
         for other in plans[1:]:
             for key in ("planned", "called", "budgets", "files"):

@@ -24,7 +24,7 @@ from calibench.core.process import one_thread
 _PACK_S = 1.0  # seconds of work in a pack
 _MOST = 2000  # runs in a pack, of however short runs
 _SHARE = 4  # packs for each worker of what remains, at the end of a sweep
-_NOTICE_EVERY = 0.05  # seconds
+_NOTICE_EVERY = 0.2  # seconds
 _FOR_EVER = 1e9  # seconds: a time limit that only asks for a process of its own
 _PHASES = 5  # that have the time limit each: building, compiling, search; and of a run cut there building and judging
 _LATE = 60.0  # seconds beyond all of them after which a run is ended with its process
