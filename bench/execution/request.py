@@ -28,7 +28,7 @@ from calibench import optimizers, problems
 from calibench.bench.gate.endings import text_of
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.processes import CAN_FORK, Lost, apart
-from calibench.bench.provenance.code_digest import Library, code_digest, library_of
+from calibench.bench.provenance.code_digest import Library, digest_of_method, digest_of_problem, library_of
 from calibench.bench.provenance.run_id import canonical, key_of_optimizer, key_of_problem, name_of, options_of, run_id
 from calibench.core.options import LARGEST_WHOLE, is_number, shown
 from calibench.core.registry import Registry
@@ -80,7 +80,8 @@ def read_asked(
 
 
 _MADE: dict[str, Pair] = {}
-_MOST = 64  # pairs that a process remembers; a pack is of few
+_OPTIMIZERS: dict[str, dict[str, Any]] = {}  # what a pair has of an optimiser of ours
+_MOST = 64  # of either that a process remembers; a pack is of few
 
 
 @final
@@ -109,11 +110,17 @@ class Pair:
     problem_group: str
     minimum: float | None
     library: Library
-    code: str
+    code_of_problem: str
+    code_of_method: str
     foreign_problem: bool
     foreign_optimizer: bool
     may_hang: bool  # the optimiser may loop for ever in foreign code
     compiled: bool = False
+
+    @property
+    def code(self) -> str:
+        """Return the digest of what runs: `bench.provenance.code_digest`."""
+        return f"{self.code_of_problem}.{self.code_of_method}"
 
     @cached_property
     def box(self) -> tuple[Array, Array, Array, Array]:
@@ -123,24 +130,36 @@ class Pair:
         return lower, upper, lower + near, upper - near
 
 
-def pair_of(problem: Any, optimizer: Any, problem_name: str | None = None, optimizer_name: str | None = None) -> Pair:
-    """Raise `ValueError` where the two cannot be run."""
+def pair_of(
+    problem: Any, optimizer: Any, problem_name: str | None = None, optimizer_name: str | None = None,
+    method: dict[str, Any] | None = None,
+) -> Pair:  # fmt: skip
+    """Raise `ValueError` where the two cannot be run. `method` is what is known of the optimiser, by field."""
     check_pair(problem, optimizer)
     who = name_of(problem) if problem_name is None else problem_name
-    method = name_of(optimizer) if optimizer_name is None else optimizer_name
-    problem_key, optimizer_key = key_of_problem(problem, who), key_of_optimizer(optimizer, method)
+    problem_key = key_of_problem(problem, who)
+    method = _method_of(optimizer, optimizer_name) if method is None else method
     return Pair(
         problem=problem, problem_name=who, problem_options=canonical(options_of(problem)), problem_key=problem_key,
-        problem_word=int(digest(problem_key), 16), optimizer=optimizer, optimizer_name=method,
-        optimizer_options=canonical(options_of(optimizer)), optimizer_key=optimizer_key,
-        optimizer_word=int(digest(optimizer_key), 16), parameters=parameters_of(problem),
+        problem_word=int(digest(problem_key), 16), parameters=parameters_of(problem),
         coordinate_names=tuple(one.name for one in coordinates_of(problem)),
         targets=tuple(extra_of(problem, "targets", ())), data_id=extra_of(problem, "data_id", ""),
         unit=str(extra_of(problem, "unit", "")), problem_group=str(extra_of(problem, "group", "")),
-        minimum=minimum_of(problem), library=library_of(optimizer), code=code_digest(problem, optimizer),
-        foreign_problem=is_foreign(problem), foreign_optimizer=is_foreign(optimizer),
-        may_hang=bool(getattr(getattr(optimizer, "traits", None), "may_hang", False)),
+        minimum=minimum_of(problem), code_of_problem=digest_of_problem(problem), foreign_problem=is_foreign(problem),
+        **method,
     )  # fmt: skip
+
+
+def _method_of(optimizer: Any, name: str | None) -> dict[str, Any]:
+    """Return what a pair has of its optimiser, by field."""
+    name = name_of(optimizer) if name is None else name
+    key = key_of_optimizer(optimizer, name)
+    return {
+        "optimizer": optimizer, "optimizer_name": name, "optimizer_options": canonical(options_of(optimizer)),
+        "optimizer_key": key, "optimizer_word": int(digest(key), 16), "library": library_of(optimizer),
+        "code_of_method": digest_of_method(optimizer), "foreign_optimizer": is_foreign(optimizer),
+        "may_hang": bool(getattr(getattr(optimizer, "traits", None), "may_hang", False)),
+    }  # fmt: skip
 
 
 def foreign_modules(registry: Registry[Any], name: str) -> list[str]:
@@ -154,16 +173,25 @@ def made_pair(
     problem: str, problem_options: Mapping[str, Any], optimizer: str, optimizer_options: Mapping[str, Any]
 ) -> Pair:
     """Return the pair of these names and options; where all its code is ours, the one that was made before."""
-    key = repr((problem, sorted(problem_options.items()), optimizer, sorted(optimizer_options.items())))
+    word = repr((optimizer, sorted(optimizer_options.items())))
+    key = repr((problem, sorted(problem_options.items()), word))
     if key in _MADE:
         return _MADE[key]
-    pair = pair_of(problems.make(problem, **problem_options), optimizers.make(optimizer, **optimizer_options))
-    foreign = foreign_modules(problems.registry, problem) + foreign_modules(optimizers.registry, optimizer)
-    if not (pair.foreign_problem or pair.foreign_optimizer or is_stochastic(pair.problem) or foreign):
-        if len(_MADE) >= _MOST:
-            _MADE.clear()
-        _MADE[key] = pair
+    known, made = _OPTIMIZERS.get(word), problems.make(problem, **problem_options)
+    by = known["optimizer"] if known else optimizers.make(optimizer, **optimizer_options)
+    pair = pair_of(made, by, method=known)
+    if pair.foreign_optimizer or foreign_modules(optimizers.registry, optimizer):
+        return pair
+    _keep(_OPTIMIZERS, word, known or _method_of(by, pair.optimizer_name))
+    if not (pair.foreign_problem or is_stochastic(made) or foreign_modules(problems.registry, problem)):
+        _keep(_MADE, key, pair)
     return pair
+
+
+def _keep(what: dict[str, Any], key: str, value: Any) -> None:
+    if len(what) >= _MOST:
+        what.clear()
+    what[key] = value
 
 
 Array = NDArray[np.float64]

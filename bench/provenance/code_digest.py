@@ -31,13 +31,22 @@ PARTS = ("problem", "optimizer", "gate", "files")
 
 def code_digest(problem: Any, optimizer: Any) -> str:
     """Return the digest of the code that runs `optimizer` on `problem`; a class has its object's."""
-    library = library_of(optimizer)
-    method = _digest([digest_of(optimizer), library["library"], library["library_version"]])
+    return f"{digest_of_problem(problem)}.{digest_of_method(optimizer)}"
+
+
+def digest_of_problem(problem: Any) -> str:
+    """Return the group of the problem, with that of its files."""
     task, package = digest_of(problem), getattr(problem, "library", None)
     if isinstance(package, str):  # whose function it is
         task = _digest([task, package, library_version(package)])
     files = digest_of_files(problem)
-    return f"{task}{files and f'-{files}'}.{method}.{gate_digest()}"
+    return f"{task}{files and f'-{files}'}"
+
+
+def digest_of_method(optimizer: Any) -> str:
+    """Return the groups of the optimiser and of the gate."""
+    library = library_of(optimizer)
+    return f"{_digest([digest_of(optimizer), library['library'], library['library_version']])}.{gate_digest()}"
 
 
 def gate_digest() -> str:

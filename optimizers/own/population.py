@@ -22,8 +22,9 @@ def population_traits(method: Any) -> Traits:
     return Traits(stochastic=True, uses_start=False, minimum_budget=first, needs_finite_bounds=True, batches=True)
 
 
+@cache
 def compile_steps(method: Any) -> None:
-    """Compile the steps of a method by a run of few members that begin again at once."""
+    """Compile the steps of a method by a run of few members that begin again at once, once in a process."""
     few = {"population": 4, "NR": 1}
     _rehearse(replace(method, **{name: number for name, number in few.items() if name in vars(method)}))
 

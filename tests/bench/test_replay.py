@@ -222,7 +222,7 @@ def test_values_of_other_code_or_of_another_run_are_not_used(tmp_path: Path, mon
     problem = Valley()
     bench.execute(problem, Wanderer(0.1, 0.2), 99, replay=folder)
     assert problem.calls == 0
-    monkeypatch.setattr("calibench.bench.execution.request.code_digest", lambda *_: "other.code.here")
+    monkeypatch.setattr("calibench.bench.execution.request.digest_of_problem", lambda _: "other")
     bench.execute(problem, Wanderer(0.1, 0.2), 99, replay=folder)
     assert problem.calls == 2
 
