@@ -28,9 +28,11 @@ TASK = [*PROBLEM, "start", "budget", "goal"]  # the goal, not the target: who st
 
 def mixed_code(runs: pd.DataFrame) -> str:
     """Return what is told of cells, and of problems, whose runs are of more than one version of the code; else ''."""
-    versions = runs.groupby(CELL, dropna=False)["code_digest"].nunique()
-    part = runs["code_digest"].str.partition(".")[0]
-    of_problem = part.groupby([runs[name] for name in PROBLEM], dropna=False).nunique()
+    first = np.unique(numbered(runs[name] for name in (*CELL, "code_digest")), return_index=True)[1]
+    some = runs[[*CELL, "code_digest"]].iloc[first]  # a row of each, as a hundred thousand runs have a few
+    versions = some.groupby(CELL, dropna=False)["code_digest"].nunique()
+    part = some["code_digest"].str.partition(".")[0]
+    of_problem = part.groupby([some[name] for name in PROBLEM], dropna=False).nunique()
     others = sorted(set(of_problem.index[of_problem > 1].get_level_values("problem")))
     mixed, said = int((versions > 1).sum()), []
     if mixed:

@@ -92,10 +92,10 @@ def answer(
     goal = "the lowest value seen (to rounding)" if seen.any() and seen.all() else goal
     best = _best(cells, called, first, within, goal)
     by_first = (runs["optimizer"] == first[0]) & (runs["optimizer_options"] == first[1])
-    mine = runs[by_first & (runs["status"] != "failed")]
-    if outside := int(outside_box(mine).sum()):  # which others may have kept
+    mine = by_first & (runs["status"] != "failed")
+    if outside := int((outside_box(runs) & mine).sum()):  # which others may have kept
         lie = "lies" if outside == 1 else "lie"
-        best += f" {count(outside)} of its {counted(len(mine), 'answer')} {lie} outside the box."
+        best += f" {count(outside)} of its {counted(int(mine.sum()), 'answer')} {lie} outside the box."
     if cut and not others:
         best = f"{within}, one method has runs so far: {called[first]}."
     if cut:
