@@ -5,7 +5,7 @@ after that. Handfuls of pairs are tried, against wild ones, and so are other ord
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 from typing import Literal, final
@@ -20,7 +20,9 @@ from calibench.calibration.rigid import Array, Index, Mask, inverse
 from calibench.calibration.start import UNITS, meanings
 from calibench.core.notes import Code, DataError, Note
 from calibench.core.options import suggest
+from calibench.core.tables import mistakes
 from calibench.core.tables.cells import valid_rows
+from calibench.core.tables.mistakes import Kind, Mistake
 from calibench.core.words import as_columns, as_units, listed, plain
 
 Mounting = Literal["eye_in_hand", "eye_to_hand"]
@@ -440,48 +442,62 @@ def _refuse_mistaken(pairs: Pairs, misfit: float, mounting: str, train: Mask, si
     A mistake is two columns that are exchanged, a sign, or the unit of one column.
     """
     poses = {"flange": pairs.flange, "board": pairs.board}
-    alone = [{side: one} for side in sides for one in _mistakes(pairs, side, poses[side])]
-    of_both = zip(*(_mistakes(pairs, side, pose) for side, pose in poses.items())) if len(sides) == len(poses) else ()
-    cures = []
-    for cure in (*alone, *(dict(zip(poses, both)) for both in of_both)):
-        flange, board = (cure[side][1] if side in cure else pose for side, pose in poses.items())
-        left = min(
+    found = {side: _mistakes(pairs, poses[side]) for side in sides}
+    tried: list[dict[str, Mistake]] = [{side: one} for side, some in found.items() for one in some]
+    tried += [dict(zip(found, both)) for both in zip(*found.values())] if len(found) == len(poses) else []
+
+    def left(cure: Mapping[str, Mistake]) -> float:
+        flange, board = (_without(cure[side], pairs, side) if side in cure else pose for side, pose in poses.items())
+        fits = (
             _misfit(arm_poses(flange.poses(one), mounting)[train], board.poses(other)[train], misfit / _TIMES)
             for one, other in product(flange.meanings, board.meanings)
         )
-        named = {ours: name for *_, columns in cure.values() for ours, name in columns.items()}
-        words = " and ".join(words for words, *_ in cure.values()) + (f": {as_columns(named)}" if named else "")
-        cures.append((max(left, _ROUNDING), words))
-    best = min(left for left, _ in cures)
+        return max(min(fits), _ROUNDING)
+
+    best, cures = mistakes.likely(((left(cure), cure) for cure in tried), _TWICE)
     if misfit > _TIMES * best:
-        ways = "; or as near if ".join(words for left, words in cures if left < _TWICE * best)
+        ways = f"{mistakes.OR_AS_NEAR}if ".join(_words(cure, pairs) for cure in cures)
         raise DataError(f"the poses fit {plain(misfit / best, 2)} times better if {ways}")
 
 
-def _mistakes(pairs: Pairs, side: str, pose: Pose) -> Iterator[tuple[str, Pose, Mapping[str, str]]]:
-    """Yield mistakes in words, the pose as it is without each, and names of ours -> columns that cure it."""
+def _mistakes(pairs: Pairs, pose: Pose) -> list[Mistake]:
+    """Return what may be wrong in the columns of one side: two exchanged, a sign, or the unit of one."""
     table, names = pairs.table, pose.columns
     read = {name: np.asarray(table.columns[name], dtype=float)[pairs.rows] for name in names}
     turned = (note for note in table.notes + pairs.notes if note.code is Code.UNIT_TURNED)
     stated = {name: str(note.values.get("stated", "mm")) for note in turned for name in note.columns}
+    of_two = (*combinations(names[:3], 2), *combinations(names[3:], 2))
+    found = [*(mistakes.exchanged(read, *two) for two in of_two), *(mistakes.reversed_in(read, [n]) for n in names)]
+    for name in names[:3]:
+        factors = {unit: size / UNITS[stated.get(name, "mm")] for unit, size in UNITS.items()}
+        found += mistakes.in_units(read, [name], ((unit, by) for unit, by in factors.items() if by != 1))
+    return found
 
-    def without(changed: Mapping[str, Array]) -> Pose:
-        made = np.column_stack([changed.get(name, read[name]) for name in names])
-        every = {k: v for k, v in meanings(made[:, 3:], "", {"rad": 1.0}).items() if k in pose.meanings}
-        known = dict([*every.items()][:1]) if len(names) == 7 else every  # one mistake, and not the order as well
-        scale = pairs.board_scale if side == "board" else 1.0
-        return replace(pose, place=scale * made[:, :3], meanings=known)
 
-    ours = dict(zip(names, ("x", "y", "z", *(("rx", "ry", "rz") if len(names) == 6 else ("qx", "qy", "qz", "qw")))))
-    ours = {name: f"{side_of(name)[0] or side}_{axis}" for name, axis in ours.items()}
-    for a, b in (*combinations(names[:3], 2), *combinations(names[3:], 2)):
-        yield f"{a} and {b} are exchanged", without({a: read[b], b: read[a]}), {ours[a]: b, ours[b]: a}
-    for name in names:
-        yield f"{name} has the other sign", without({name: -read[name]}), {}
-    for name, unit in product(names[:3], UNITS):
-        factor = UNITS[unit] / UNITS[stated.get(name, "mm")]
-        if factor != 1:
-            yield f"{name} is in {unit}: {as_units([name], unit)}", without({name: factor * read[name]}), {}
+def _without(mistake: Mistake, pairs: Pairs, side: str) -> Pose:
+    """Return the pose of a side as it would be without a mistake."""
+    pose = pairs.flange if side == "flange" else pairs.board
+    read = {name: np.asarray(pairs.table.columns[name], dtype=float)[pairs.rows] for name in pose.columns}
+    made = np.column_stack([*{**read, **mistake.columns}.values()])
+    every = {k: v for k, v in meanings(made[:, 3:], "", {"rad": 1.0}).items() if k in pose.meanings}
+    known = dict([*every.items()][:1]) if made.shape[1] == 7 else every  # one mistake, and not the order as well
+    return replace(pose, place=(pairs.board_scale if side == "board" else 1.0) * made[:, :3], meanings=known)
+
+
+def _words(by_side: Mapping[str, Mistake], pairs: Pairs) -> str:
+    """Return a mistake of a side, or one of each, as the end of "the poses fit 20 times better if ..."."""
+    words, columns = [], dict[str, str]()
+    for side, mistake in by_side.items():
+        pose, names = pairs.flange if side == "flange" else pairs.board, [*mistake.columns]
+        if mistake.kind is Kind.EXCHANGED:
+            axes = ("x", "y", "z", *(("rx", "ry", "rz") if len(pose.columns) == 6 else ("qx", "qy", "qz", "qw")))
+            ours = dict(zip(pose.columns, axes))
+            columns |= {f"{side_of(a)[0] or side}_{ours[a]}": b for a, b in zip(names, reversed(names))}
+            words.append(f"{names[0]} and {names[1]} are exchanged")
+        else:
+            in_unit = f"is in {mistake.unit}: {as_units(names, mistake.unit)}"
+            words.append(f"{names[0]} {in_unit if mistake.unit else 'has the other sign'}")
+    return " and ".join(words) + (f": {as_columns(columns)}" if columns else "")
 
 
 def arm_poses(flange: Array, mounting: str) -> Array:

@@ -6,7 +6,7 @@ the file states is kept; what contradicts the arm is refused, with the mistake w
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 from math import inf, pi
 from typing import Any, final
@@ -24,7 +24,9 @@ from calibench.calibration.readings import TURNS, Readings, Table, columns_in_de
 from calibench.calibration.rigid import Array, Index, quaternion, turn
 from calibench.core.notes import Code, DataError, Note
 from calibench.core.options import suggest
+from calibench.core.tables import mistakes
 from calibench.core.tables.cells import between
+from calibench.core.tables.mistakes import Kind, Mistake
 from calibench.core.words import as_columns, as_units, counted, plain
 
 DOUBTFUL = 0.01  # part of the reach: arms that are not calibrated lie nearer to their descriptions
@@ -246,9 +248,9 @@ def _left_handed(names: Mapping[str, str]) -> str:
 def _misfit(readings: Readings, chain: Chain, apart: str, limits: bool) -> DataError:
     """Return the refusal of readings that do not fit the arm, with the mistake that explains them where one does."""
     if found := _cured(readings, chain):
-        far, trial = found
-        text = f"{apart}, and {plain(far, 2)} mm {trial.text}"
-        return DataError(text, Note(trial.code, text, trial.columns, values=trial.values))
+        far, cure = found
+        text = f"{apart}, and {plain(far, 2)} mm {cure.text}"
+        return DataError(text, replace(cure, text=text))
     if limits:
         _within_limits(readings, chain, strict=True)  # a better reason than none
     still = [name for k, name in enumerate(chain.driven) if not np.ptp(readings.joints[:, k]) > 0]
@@ -265,33 +267,36 @@ def _misfit(readings: Readings, chain: Chain, apart: str, limits: bool) -> DataE
 
 def mistake_in(readings: Readings, chain: Chain) -> str:
     """Return, for the end of a refusal, the mistake without which these readings fit the nominal arm; "" for none."""
-    now = _apart(Trial(Code.OTHER_ARM, "", readings.joints, readings), chain)[0]
+    now = _apart(readings, chain)[0]
     found = _cured(readings, chain, _BETTER * now)
     return f"; they lie {plain(now, 3)} mm apart, and {plain(found[0], 2)} mm {found[1].text}" if found else ""
 
 
-def _cured(readings: Readings, chain: Chain, most: float = inf) -> "tuple[float, Trial] | None":
+def _cured(readings: Readings, chain: Chain, most: float = inf) -> tuple[float, Note] | None:
     """Return the mistake without which the readings fit the arm, to `most` mm, and how well; None where none is."""
-    best: tuple[float, Trial] | None = None
+    best: tuple[float, Note] | None = None
     ways = [readings]  # and with sliding joints in m where no unit is stated: beside a mistake neither need fit
     known = {*readings.table.units, *(c for n in readings.notes if n.code is Code.UNIT_FOUND for c in n.columns)}
     rails = [k for k, name in enumerate(chain.driven) if name in readings.sliding]
     if open_ := [k for k in rails if readings.matched.joints[chain.driven[k]] not in known]:
-        ways.append(replace(readings, joints=_scaled(readings.joints, open_, UNITS["m"])))
+        in_m = readings.joints.copy()
+        in_m[:, open_] *= UNITS["m"]
+        ways.append(replace(readings, joints=in_m))
     for meant in ways:
-        for trials in _trials(meant, chain):
-            results = [(*_apart(trial, chain), trial) for trial in trials]
-            far, fits, trial = min(results, key=lambda one: one[0])
-            if fits and far < (most if best is None else _AGAIN * best[0]):
-                alike = [one.text for off, well, one in results if one is not trial and well and off < _AS_NEAR * far]
-                best = far, replace(trial, text="; or as near ".join([trial.text, *alike[: _MOST - 1]]))
+        some = meant if meant.loci is None else _some(meant)  # a start of these is a search
+        for group in _mistakes(some, chain):
+            tried = [(*_apart(_without(one, some, chain), chain), one) for one in group]
+            far, found = mistakes.likely(((far, one) for far, fits, one in tried if fits), _AS_NEAR)
+            if found and far < (most if best is None else _AGAIN * best[0]):
+                notes = [_told(one, some, chain) for one in found]
+                best = far, replace(notes[0], text=mistakes.OR_AS_NEAR.join(note.text for note in notes))
                 break
     return best
 
 
-def _apart(trial: "Trial", chain: Chain) -> tuple[float, bool]:
-    """Return how far readings and nominal arm lie apart without a mistake [mm], and whether they fit so."""
-    poses, readings = forward(chain, nominal(chain), trial.joints), trial.readings
+def _apart(readings: Readings, chain: Chain) -> tuple[float, bool]:
+    """Return how far readings and nominal arm lie apart [mm], and whether they fit so."""
+    poses = forward(chain, nominal(chain), readings.joints)
     if readings.position is None:
         _, far, most = apart_in_sockets(poses, readings.socket)
         return far, far < 0.5 * most
@@ -425,19 +430,6 @@ _SCANNED = 200  # rows that a scan looks at
 _WHOLE = 0.3  # degrees: a zero that is nearer to a whole number of them is one
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """Readings as they would be without a mistake; its `code`, its cure as the end of a sentence, what it is about."""
-
-    code: Code
-    text: str
-    joints: Array
-    readings: Readings
-    columns: tuple[str, ...] = ()
-    values: Mapping[str, Any] = field(default_factory=dict)
-
-
 def unit_of(frames: Frames) -> str | None:
     """Return the unit in which the readings fit the arm; None where there is none."""
     return next((unit for unit, size in UNITS.items() if abs(frames.scale / size - 1) < NEAR), None)
@@ -449,90 +441,99 @@ def apart_in_sockets(poses: Array, socket: Index) -> tuple[Array, float, float]:
     return ball, apart, max(APART * _reach(poses), _LEAST_APART)
 
 
-def _trials(readings: Readings, chain: Chain) -> Iterator[Sequence[Trial]]:
+def _mistakes(readings: Readings, chain: Chain) -> Iterator[Sequence[Mistake]]:
     """Yield what is tried, in groups: of a group the best is taken, and a group comes before the later ones."""
-    if readings.loci is not None:  # a start of these is a search
-        readings = _some(readings)
-    columns, joints, n = readings.matched.joints, readings.joints, len(readings)
-    turning = [k for k, name in enumerate(chain.driven) if name not in readings.sliding]
-    sliding = [k for k, name in enumerate(chain.driven) if name in readings.sliding]
-    angles, rails = (tuple(columns[chain.driven[k]] for k in some) for some in (turning, sliding))
+    columns, (angles, rails) = _columns(readings, chain), _kinds_of(readings, chain)
+    every, places = [readings.matched.joints[name] for name in chain.driven], [*readings.matched.position.values()]
     stated = bool({*angles} & {*readings.table.units})
-    for unit, factor in (("deg", np.pi / 180), ("rad", 180 / np.pi)):
-        if turning and (unit == "deg" or stated):
-            really = {"deg": "degrees", "rad": "rad, and not in degrees as the file states"}[unit]
-            text = f"with joints in {really}: {as_units(angles, unit)}"
-            yield [Trial(Code.JOINT_UNIT, text, _scaled(joints, turning, factor), readings, angles, {"unit": unit})]
-    for unit, taken in _MIXED if rails else ():
-        text = f"with {', '.join(rails)} in {unit}: {as_units(rails, unit)}"
-        scaled = _scaled(joints, sliding, UNITS[unit] / UNITS[taken])
-        yield [Trial(Code.JOINT_UNIT, text, scaled, readings, rails, {"unit": unit})]
-
+    mixed = [(unit, UNITS[unit] / UNITS[taken]) for unit, taken in _MIXED]
+    turned = [("deg", np.pi / 180), ("rad", 180 / np.pi)][: 1 + stated]
+    for names, units in ((angles, turned), (rails, mixed)):
+        yield from ([one] for one in mistakes.in_units(columns, names, units) if names)
     if readings.position is not None and readings.loci is None:
-        for lag, where in ((1, "below"), (-1, "above")):
-            kept = readings.where(np.arange(n) != (0 if lag > 0 else n - 1))
-            text = f"if the readings of each row's joints stand in the row {where}"
-            shifted = joints[max(-lag, 0) : n - max(lag, 0)]
-            yield [Trial(Code.ROWS_OUT_OF_STEP, text, shifted, kept, values={"rows": lag})]
-        mirrored, names = readings.position * [-1.0, 1.0, 1.0], readings.matched.position
-        text = f"if x, y and z are those of a left-handed frame: {_left_handed(names)}"
-        changed = replace(readings, position=mirrored)
-        yield [Trial(Code.LEFT_HANDED, text, joints, changed, tuple(names.values()))]
+        yield from ([mistakes.a_row_off(columns, every, rows)] for rows in (1, -1))
+        yield [mistakes.reversed_in(columns, [readings.matched.position["x"]])]
 
     # single joints, which turn the other way or from another zero, and two exchanged
     of_joints = []
-    for k, name in enumerate(chain.driven):
-        column, slides = columns[name], name in readings.sliding
-        cure = "turn its axis, or its readings"
-        if chain.source == "table":
-            cure = "change the sign of its column, or the alphas that point its axis"
-        text = f"if joint {name} {'slides' if slides else 'turns'} the other way than in the {chain.source}: {cure}"
-        reversed_ = _scaled(joints, [k], -1.0)
-        of_joints.append(Trial(Code.JOINT_REVERSED, text, reversed_, readings, (column,), {"joint": name}))
-        if slides or readings.loci is not None:
+    for k, column in enumerate(every):
+        of_joints.append(mistakes.reversed_in(columns, [column]))
+        if column in rails or readings.loci is not None:
             continue
-        degrees = _zero_of(readings, chain, k)
-        text = f"if {degrees:g}° are added to joint {name}: its zero is not that of the {chain.source}"
-        shifted = joints.copy()
-        shifted[:, k] += np.deg2rad(degrees)
-        values = {"joint": name, "degrees": degrees}
-        of_joints.append(Trial(Code.JOINT_SHIFTED, text, shifted, readings, (column,), values))
-        if stated and len(turning) > 1:  # one that is in degrees where rad are stated is refused by its size
-            text = f"with joint {name} alone in rad: {as_units([column], 'rad')}"
-            scaled = _scaled(joints, [k], 180 / np.pi)
-            of_joints.append(Trial(Code.JOINT_UNIT, text, scaled, readings, (column,), {"unit": "rad"}))
-    for a, b in combinations(range(len(chain.driven)), 2):
-        order = list(range(len(chain.driven)))
-        order[a], order[b] = b, a
-        one, other = chain.driven[a], chain.driven[b]
-        both = columns[other], columns[one]
-        or_names = ", or their names in the table" if chain.source == "table" else ""
-        cure = as_columns({f"q_{one}": both[0], f"q_{other}": both[1]})
-        text = f"if the columns of joints {one} and {other} are exchanged{or_names}: {cure}"
-        of_joints.append(Trial(Code.JOINTS_EXCHANGED, text, joints[:, order], readings, both, {"joints": [one, other]}))
-    yield of_joints
-    if readings.position is None:
-        return
-    of_coordinates = []
-    for axis, column in readings.matched.position.items():
-        for unit, other in _MIXED:
-            position = _scaled(readings.position, [POSITION.index(axis)], UNITS[unit] / UNITS[other])
-            text = f"if {column} is in {unit} where the others are in {other}: units={column}:{unit}"
-            changed, values = replace(readings, position=position), {"axis": axis, "unit": unit}
-            of_coordinates.append(Trial(Code.POSITION_UNIT, text, joints, changed, (column,), values))
-    if of_coordinates:
-        yield of_coordinates
+        of_joints.append(mistakes.moved(columns, column, np.deg2rad(_zero_of(readings, chain, k))))
+        if stated and len(angles) > 1:  # one that is in degrees where rad are stated is refused by its size
+            of_joints += mistakes.in_units(columns, [column], turned[1:])
+    yield of_joints + [mistakes.exchanged(columns, *both) for both in combinations(every, 2)]
+    if readings.position is not None and places:
+        yield [one for name in places for one in mistakes.in_units(columns, [name], mixed)]
+
+
+def _told(mistake: Mistake, readings: Readings, chain: Chain) -> Note:
+    """Return what a mistake is, its text as the end of "readings and arm lie 300 mm apart, and 1 mm ..."."""
+    names, unit, matched = tuple(mistake.columns), mistake.unit, readings.matched
+    if mistake.kind is Kind.ROWS:
+        text = f"if the readings of each row's joints stand in the row {'below' if mistake.by > 0 else 'above'}"
+        return Note(Code.ROWS_OUT_OF_STEP, text, values={"rows": int(mistake.by)})
+    axis = next((axis for axis, name in matched.position.items() if name in names), None)
+    if axis and mistake.kind is Kind.SIGN:
+        text = f"if x, y and z are those of a left-handed frame: {_left_handed(matched.position)}"
+        return Note(Code.LEFT_HANDED, text, tuple(matched.position.values()))
+    if axis:
+        other = next(one for one, size in UNITS.items() if np.isclose(mistake.by * size, UNITS[unit]))
+        text = f"if {names[0]} is in {unit} where the others are in {other}: units={names[0]}:{unit}"
+        return Note(Code.POSITION_UNIT, text, names, values={"axis": axis, "unit": unit})
+
+    joint, *others = [next(joint for joint, name in matched.joints.items() if name == one) for one in names]
+    angles, rails = _kinds_of(readings, chain)
+    by_table, slides = chain.source == "table", joint in readings.sliding
+    if mistake.kind is Kind.UNIT:
+        how = f"joint {joint} alone in {unit}" if len(names) < len(angles) else f"joints in {_IN[unit]}"
+        how = f"{', '.join(rails)} in {unit}" if slides else how
+        return Note(Code.JOINT_UNIT, f"with {how}: {as_units(names, unit)}", names, values={"unit": unit})
+    if mistake.kind is Kind.ZERO:
+        degrees = round(float(np.rad2deg(mistake.by)), 9)
+        text = f"if {degrees:g}° are added to joint {joint}: its zero is not that of the {chain.source}"
+        return Note(Code.JOINT_SHIFTED, text, names, values={"joint": joint, "degrees": degrees})
+    if mistake.kind is Kind.SIGN:
+        cure = "change the sign of its column, or the alphas that point its axis"
+        cure = cure if by_table else "turn its axis, or its readings"
+        text = f"if joint {joint} {'slides' if slides else 'turns'} the other way than in the {chain.source}: {cure}"
+        return Note(Code.JOINT_REVERSED, text, names, values={"joint": joint})
+    cure = as_columns({f"q_{joint}": names[1], f"q_{others[0]}": names[0]})
+    or_names = ", or their names in the table" if by_table else ""
+    text = f"if the columns of joints {joint} and {others[0]} are exchanged{or_names}: {cure}"
+    return Note(Code.JOINTS_EXCHANGED, text, names[::-1], values={"joints": [joint, *others]})
+
+
+def _columns(readings: Readings, chain: Chain) -> dict[str, Array]:
+    """Return the columns of joints and of positions, by their names in the file."""
+    columns = {readings.matched.joints[name]: readings.joints[:, k] for k, name in enumerate(chain.driven)}
+    if readings.position is not None:
+        columns |= {name: readings.position[:, POSITION.index(a)] for a, name in readings.matched.position.items()}
+    return columns
+
+
+def _kinds_of(readings: Readings, chain: Chain) -> tuple[list[str], list[str]]:
+    """Return the columns of joints that turn, and of those that slide."""
+    named = readings.matched.joints
+    slide = [named[name] for name in chain.driven if name in readings.sliding]
+    return [named[name] for name in chain.driven if name not in readings.sliding], slide
+
+
+def _without(mistake: Mistake, readings: Readings, chain: Chain) -> Readings:
+    """Return the readings as they would be without a mistake."""
+    columns, position = {**_columns(readings, chain), **mistake.columns}, readings.position
+    joints = np.column_stack([columns[readings.matched.joints[name]] for name in chain.driven])
+    if position is not None:
+        position = position.copy()
+        for axis, name in readings.matched.position.items():
+            position[:, POSITION.index(axis)] = columns[name]
+    return replace(readings, joints=joints, position=position).where(mistake.kept(len(joints)))
 
 
 def _some(readings: Readings) -> Readings:
     """Return rows for a scan, without a step that could fall in with kinds of readings that come in turn."""
     return readings.where(np.sort(np.random.default_rng(0).permutation(len(readings))[:_SCANNED]))
-
-
-def _scaled(values: Array, columns: Sequence[int], factor: float) -> Array:
-    made = values.copy()
-    made[:, columns] *= factor
-    return made
 
 
 def _zero_of(readings: Readings, chain: Chain, k: int) -> float:
@@ -566,8 +567,8 @@ LENGTHS = ("a", "d")
 _ROUNDS, _FAR = 4, 6.0  # times the median of what is left: a reading beyond has no influence, as it may be wild
 _BETTER = 0.2  # of the misfit of the table as it stands: one change of an arm that is merely not calibrated gains less
 _AS_WELL = 2.0  # times the misfit of the best change: one that leaves less may be meant as well
+_IN = {"deg": "degrees", "rad": "rad, and not in degrees as the file states"}
 _AS_NEAR = 1.2  # times what the best cure of a file leaves: one that leaves less may be meant as well
-_MOST = 3  # changes: of as many axes that are parallel the offsets say the same
 _STRAIGHT = 1e-3  # rad: an alpha that is nearer to a multiple of a quarter turn is one
 
 
@@ -605,8 +606,8 @@ def mistake_of_table(table: DhTable, data: Table, how: HowRead) -> str:
         cures = sorted([*cures, *(one for one in tried if one[0] < min(APART / 2, _BETTER * now))])
         if cures and cures[0][0] <= DOUBTFUL:
             break
-    likely = [text for apart, text in cures if apart <= _AS_WELL * cures[0][0]]
-    return ", or ".join(likely) if 0 < len(likely) <= _MOST else ""
+    alike = [text for apart, text in cures if apart <= _AS_WELL * cures[0][0]]
+    return ", or ".join(alike) if 0 < len(alike) <= mistakes.MOST else ""
 
 
 def _changed(table: DhTable) -> Iterator[tuple[DhTable, str]]:

@@ -14,20 +14,21 @@ Many of them are no accidents, and all are kept. `isolated` rows stand alone, so
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import combinations
 from math import pi
-from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from calibench.core.notes import Code
+from calibench.core.tables import mistakes
 from calibench.core.tables.cells import factors_near
 from calibench.core.tables.columns import Quantity
+from calibench.core.tables.mistakes import Kind, Mistake
 from calibench.core.words import plain
 from calibench.discrepancy.model.formulations import Predicted
 from calibench.discrepancy.model.machine import Formulation, Machine, Numbers
@@ -128,12 +129,10 @@ _ROWS = 300  # most rows that are compared
 _LEAST = 8  # rows that are needed at least
 _TURN = 72  # places of a zero that are tried
 _ALIKE = 2.0  # times the best misfit: a cure within this is as good, as nominal parameters are not the true ones
-_CURES = 3  # cures that a message names
 _OUT = 10.0  # times the largest misfit of shuffled readings: no reading of this machine
 _EXACT = 1e-10  # times the misfit of shuffled readings, or the numbers of a row: nearer to the model is rounding alone
 _LARGEST = 4.0  # times the noise: the largest misfit of some hundred shuffled readings of noise alone
 _MOST_OUT = 0.05  # part of the rows that may be so far off
-Cure = tuple[str, float]  # a change that brings the readings to the model, in words, and the misfit after it
 _BESIDE_START = 0.08  # of the misfit of shuffled readings: where a machine finds its start, sound ones have .05
 _LOW = 0.25  # of the stated noise: if calibration leaves less, numbers are in another unit than it
 _LITTLE = 0.5  # the same where a search found no name for it
@@ -160,15 +159,12 @@ def refuse_wild(formulation: Formulation) -> None:
         misfit = _misfit(few, q)
         if not misfit > FAR or getattr(few, "of_rows", None) is not None:  # a simulator: hundreds of calls
             continue
-        cures = [one for one in _cures(few, q, kind) if one[1] < min(_NEAR, misfit / _BETTER)]
-        if not cures:
-            continue
-        best = min(left for _, left in cures)
-        alike = [words for words, left in cures if left <= _ALIKE * best][:_CURES]
-        raise DataError(
-            f"{kind.data.name}: the readings are as far from the model as shuffled ones ({plain(misfit, 2)} of "
-            f"their misfit), and near to it ({plain(best, 2)}) {'; or as near '.join(alike)}"
-        )
+        best, cures = mistakes.likely(_cures(few, q, kind), _ALIKE)
+        if best < min(_NEAR, misfit / _BETTER):
+            raise DataError(
+                f"{kind.data.name}: the readings are as far from the model as shuffled ones ({plain(misfit, 2)} of "
+                f"their misfit), and near to it ({plain(best, 2)}) {mistakes.OR_AS_NEAR.join(cures)}"
+            )
 
 
 def as_far_as_shuffled(formulation: Formulation, x: Array) -> bool:
@@ -285,17 +281,16 @@ def formulated(machine: Machine, data: MeasuredData, unnamed: bool = False) -> F
     times, ways_out = _cures_of_table(machine, data, made, read, off, shifts=unnamed and off > _FAR_OUT)
     if ways_out:
         said = f"{refused}; the readings fit it" if refused else f"{data.name}: calibration leaves {times} times less"
-        raise DataError(f"{said} {'; or as near '.join(ways_out)}")
+        raise DataError(f"{said} {mistakes.OR_AS_NEAR.join(ways_out)}")
     if made is None:
         raise DataError(str(refused))
     return made
 
 
-def _changes_of_table(
+def _mistakes_of_table(
     machine: Machine, data: MeasuredData, read: Sequence[Quantity]
-) -> tuple[list[_Change], list[tuple[str, ...]]]:
-    """Return what one mistake may have made of the columns `read`, and these by what they have in common."""
-    known = description_of(machine.name)
+) -> tuple[list[Mistake], list[tuple[str, ...]]]:
+    """Return what may be wrong in the columns `read`, and these by what they have in common."""
     table = {column.name: data[column.name] for column in read if data[column.name].dtype.kind in "iuf"}
     unit_of = {column.name: column.unit for column in read if column.name in table}
     parts = {part: None for name in table for part in name.split("_")}
@@ -303,9 +298,9 @@ def _changes_of_table(
     groups += [tuple(n for n in table if unit_of[n] == unit) for unit in dict.fromkeys(unit_of.values())]
     groups = [*dict.fromkeys(groups)]
     together = [*dict.fromkeys((*groups, *((name,) for name in table)))]
-    changes = [one for one in _changes(table, unit_of, together, groups, data, known.own_units) if one.unit in _USUAL]
-    changes += [one for names in together if len(names) < len(table) for one in _a_row_off(table, names)]
-    return changes, groups
+    found = [one for one in _mistakes(table, unit_of, together, groups, data) if one.unit in _USUAL]
+    some = (names for names in together if len(names) < len(table))
+    return found + [mistakes.a_row_off(table, names, rows) for names in some for rows in (-1, 1)], groups
 
 
 def _refuse_start(
@@ -327,17 +322,15 @@ def _refuse_start(
     now = np.inf if made is None else _misfit(made, Model(made).quantities()[0])
     if not now > _BESIDE_START:
         return
-    changes = _changes_of_table(machine, data, read)[0]
-    first = [one for one in changes if len(one.columns) > 1 and not one.late]
-    for some in (first, [one for one in changes if one not in first]):
-        left = {one: misfit(one.columns) for one in some}
-        best = min(left.values(), default=np.inf)
+    found = _mistakes_of_table(machine, data, read)[0]
+    first = [one for one in found if len(one.columns) > 1 and one.kind is not Kind.ROWS]
+    for some in (first, [one for one in found if one not in first]):
+        best, cures = mistakes.likely(((misfit(one.columns), one) for one in some), _ALIKE)
         if best < min(_NEAR, now / _BETTER):
-            cures = [one.words for one, rest in left.items() if rest <= _ALIKE * best][:_CURES]
             near = f"near to it ({plain(best, 2)})"
             far = f"{data.name}: the readings are far from the model ({plain(now, 2)} of the misfit of shuffled ones)"
             said = f"{refused}; the readings are {near}" if refused else f"{far}, and {near}"
-            raise DataError(f"{said} {'; or as near '.join(cures)}")
+            raise DataError(f"{said} {mistakes.OR_AS_NEAR.join(_words(one, data) for one in cures)}")
 
 
 def _cures_of_table(
@@ -348,54 +341,53 @@ def _cures_of_table(
     `made` is what the machine makes of the table as it stands, None where it refuses, and `off` what that leaves.
     `shifts`: zeros that are off are looked for too, where no other mistake is found.
     """
-    changes, groups = _changes_of_table(machine, data, read)
+    found, groups = _mistakes_of_table(machine, data, read)
     left = partial(_left, machine, data, stands=made is not None)
     now = np.inf if made is None else left(())
     count = np.inf if made is None else Model(made).residuals(Model(made).start).size
-    falls = np.log(_FALLS * (1 + _OF_FEW / count))
-    cures: dict[tuple[_Change, ...], float] = {(one,): left((one,)) for one in changes}
-    best = min(cures.values(), default=np.inf)
+    falls = _FALLS * (1 + _OF_FEW / count)
+
+    def among(some: Iterable[Sequence[Mistake]]) -> tuple[float, list[Sequence[Mistake]]]:
+        return mistakes.likely(((left(one), one) for one in some), _ALIKE)
+
+    def enough(best: float) -> bool:
+        return best < now / falls and not off * best / now > _FAR_OUT
+
+    best, cures = among([one] for one in found)
     if made is None or off > _FALLS:
-        units = [one for one in changes if one.unit in _PAIRED and tuple(one.columns) in groups]
-        pairs = [(one, other) for one, other in combinations(units, 2) if not {*one.columns} & {*other.columns}]
-        two: dict[tuple[_Change, ...], float] = {pair: left(pair) for pair in pairs}
-        if min(two.values(), default=np.inf) < best - falls:
-            cures, best = two, min(two.values())
-    enough = best < now - falls and not off * np.exp(best - now) > _FAR_OUT
-    if made is not None and shifts and not enough:
-        others = [name for change in changes for name in change.columns if name not in made.readings]
+        units = [one for one in found if one.unit in _PAIRED and tuple(one.columns) in groups]
+        two = among(pair for pair in combinations(units, 2) if not {*pair[0].columns} & {*pair[1].columns})
+        best, cures = two if two[0] < best / falls else (best, cures)
+    if made is not None and shifts and not enough(best):
+        others = [name for one in found for name in one.columns if name not in made.readings]
         others = [name for name in dict.fromkeys(others) if np.isfinite(data[name]).any()]
-        cures = {(one,): left((one,)) for one in (_zero_off(name, data[name], left) for name in others)}
-        best = min(cures.values(), default=np.inf)
-        enough = best < now - falls and not off * np.exp(best - now) > _FAR_OUT
-    cures = {cure: rest for cure, rest in cures.items() if rest <= best + np.log(_ALIKE)}
-    if not enough:
+        best, cures = among([_zero_off(name, data[name], left)] for name in others)
+    if not enough(best):
         return "", []
     # so it is in some rows; now in all of them, the wild ones with small weights
     now = np.inf if made is None else left((), surely=True)
-    cures = {cure: rest for cure in [*cures][:_CURES] if (rest := left(cure, surely=True)) < now - falls}
-    times = plain(np.exp(now - min(cures.values(), default=now)), 2) if made is not None else ""
-    return times, [", and ".join(c.words for c in cure) for cure in cures]
+    sure = [(rest, one) for one in cures if (rest := left(one, surely=True)) < now / falls]
+    times = plain(now / min((rest for rest, _ in sure), default=now), 2) if made is not None else ""
+    return times, [", and ".join(_words(one, data) for one in cure) for _, cure in sure]
 
 
-def _zero_off(name: str, column: Numbers, left: Callable[[tuple[_Change, ...]], float]) -> _Change:
+def _zero_off(name: str, column: Numbers, left: Callable[[Sequence[Mistake]], float]) -> Mistake:
     """Return the best shift of a column of a table: calibration leaves least with it."""
 
-    def shifted(by: float) -> _Change:
-        words = f"if {plain(by, 3, '+')} is added to {name}: its zero is that far off"
-        return _Change(words, {name: column + by})
+    def rest(by: float) -> float:
+        return left([mistakes.moved({name: column}, name, by)])
 
     places = (np.nanmax(column) - np.nanmin(column)) * np.linspace(-1.0, 1.0, _SHIFTS)
-    best = int(np.argmin([left((shifted(by),)) for by in places]))
+    best = int(np.argmin([rest(by) for by in places]))
     bounds = places[max(best - 1, 0)], places[min(best + 1, _SHIFTS - 1)]
     xatol = 1e-4 * float(places[1] - places[0])
-    return shifted(float(minimize_scalar(lambda by: left((shifted(by),)), bounds=bounds, options={"xatol": xatol}).x))
+    return mistakes.moved({name: column}, name, float(minimize_scalar(rest, bounds=bounds, options={"xatol": xatol}).x))
 
 
 def _left(
-    machine: Machine, data: MeasuredData, changes: Sequence[_Change], *, stands: bool, surely: bool = False
+    machine: Machine, data: MeasuredData, changes: Sequence[Mistake], *, stands: bool, surely: bool = False
 ) -> float:  # fmt: skip
-    """Return the logarithm of what calibration leaves of a table with changes, in the units of the table as it stands.
+    """Return what calibration leaves of a table without mistakes, in the units of the table as it stands.
 
     Where that one `stands` by itself, any may be nearer; else infinity is returned of one that is far from the machine.
     """
@@ -423,9 +415,10 @@ def _left(
     reads = getattr(made, "reads", None)
     measured = {*known.read_from} & {*made.readings} or {*known.read_from} - {*inputs_of(made)}
     for one in changes:  # what is read and what it is read over are in another unit: so is what is left
-        for name in measured & {*one.columns} if {*one.columns} - measured else ():
-            total -= np.log(one.factor) * (len(left) if reads is None else reads(name).sum())
-    return float(total / left.size) if np.isfinite(total) else np.inf
+        both = one.kind is Kind.UNIT and {*one.columns} - measured
+        for name in measured & {*one.columns} if both else ():
+            total -= np.log(one.by) * (len(left) if reads is None else reads(name).sum())
+    return float(np.exp(total / left.size)) if np.isfinite(total) else np.inf
 
 
 def _kinds(formulation: Formulation) -> list[tuple[NDArray[np.int_], Formulation]]:
@@ -451,7 +444,7 @@ def _misfit(formulation: Formulation, q: Mapping[str, Numbers]) -> float:
     return float(np.max(shares))
 
 
-def _cures(formulation: Formulation, q: Mapping[str, Numbers], whole: Formulation) -> Iterator[Cure]:
+def _cures(formulation: Formulation, q: Mapping[str, Numbers], whole: Formulation) -> Iterator[tuple[float, str]]:
     kinds: dict[tuple[str, str], list[str]] = {}
     for sensor in formulation.sensors:
         unit = sensor.unit or formulation.data.units.get(sensor.column, "")
@@ -467,8 +460,8 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers], whole: Formulatio
     own_units = description_of(formulation.data.machine).own_units
     unstated = [names for group in by_unit if (names := tuple(n for n in group if n not in stated))]
     together = [*dict.fromkeys((*groups, *by_unit, *unstated, *single))]
-    for one in _changes(q, unit_of, together, groups, formulation.data, own_units):
-        yield one.words, _misfit(formulation, {**q, **one.columns})
+    for one in _mistakes(q, unit_of, together, groups, formulation.data):
+        yield _misfit(formulation, {**q, **one.columns}), _words(one, formulation.data)
     for name, unit in unit_of.items():
         if unit in ("rad", ""):
             yield _shifted(formulation, q, name, "" if own_units and not unit else " rad")
@@ -478,78 +471,70 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers], whole: Formulatio
     alike = kinds_of(first.sensors)
     sides = [tuple(inputs)] if inputs else [tuple(sensor.column for sensor in kind) for kind in alike]
     for names in sides if inputs or len(sides) > 1 else []:
-        for one in _a_row_off(at, names):
-            yield one.words, _misfit(first, {**at, **one.columns})
+        for one in (mistakes.a_row_off(at, names, rows) for rows in (-1, 1)):
+            yield _misfit(first, {**at, **one.columns}), _words(one, first.data)
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _Change:
-    """Columns without a mistake, and it in words; of a unit the one they are in, and by what they are multiplied."""
-
-    words: str
-    columns: Mapping[str, Numbers]
-    unit: str = ""
-    factor: float = 1.0
-    late: bool = False
-
-
-def _changes(
+def _mistakes(
     columns: Mapping[str, Numbers], unit_of: Mapping[str, str], together: Sequence[tuple[str, ...]],
-    alike: Sequence[tuple[str, ...]], data: MeasuredData, own_units: bool,
-) -> Iterator[_Change]:  # fmt: skip
-    """Yield what one mistake may have made of `columns`: units of what is read `together`, signs, two exchanged."""
-    turned = (note for note in data.notes if note.code is Code.UNIT_TURNED)
-    stated = {**data.units, **{name: note.values.get("stated", "") for note in turned for name in note.columns}}
+    alike: Sequence[tuple[str, ...]], data: MeasuredData,
+) -> Iterator[Mistake]:  # fmt: skip
+    """Yield mistakes of `columns`: units and signs of what is read `together`, two exchanged of what is `alike`."""
+    stated = _stated(data)
     for names in together:
-        unit, one = stated.get(names[0]) or unit_of[names[0]], len(names) == 1
-        for other, factor in (factors_near(unit) if unit else _UNKNOWN).items():
-            missing = json.dumps(dict.fromkeys(names, other), ensure_ascii=False)
-            way_out = f"{'looks' if one else 'look'} like {other}; state the unit of the column: units={missing}"
-            if own_units:  # stating a unit changes nothing
-                both = "file and model are in units that differ by this factor"
-                way_out = f"{both}; write one of them in those of the other"
-            elif any(name in stated for name in names):
-                way_out = f"the unit that is stated is wrong by this factor; units={missing} states another"
-            words = f"if {', '.join(names)} {'is' if one else 'are'} multiplied by {factor:.6g}: {way_out}"
-            yield _Change(words, {name: factor * np.asarray(columns[name]) for name in names}, other, factor)
-        are, counts = ("is", "it counts") if one else ("are", "they count")
-        words = f"if {', '.join(names)} {are} multiplied by -1: {counts} the other way round"
-        yield _Change(words, {name: -np.asarray(columns[name]) for name in names})
-    for name, other in dict.fromkeys(pair for names in alike for pair in combinations(names, 2)):
-        words = f"if {name} and {other} are exchanged: each may stand under the name of the other"
-        yield _Change(words, {name: columns[other], other: columns[name]})
+        unit = stated.get(names[0]) or unit_of[names[0]]
+        yield from mistakes.in_units(columns, names, (factors_near(unit) if unit else _UNKNOWN).items())
+        yield mistakes.reversed_in(columns, names)
+    for both in dict.fromkeys(pair for names in alike for pair in combinations(names, 2)):
+        yield mistakes.exchanged(columns, *both)
 
 
-def _a_row_off(columns: Mapping[str, Numbers], names: tuple[str, ...]) -> Iterator[_Change]:
-    are, come = ("is", "it comes") if len(names) == 1 else ("are", "they come")
-    for rows, after, late in ((1, "after", "late"), (-1, "before", "early")):
-        words = f"if {', '.join(names)} {are} taken from the row {after}: {come} a row {late}"
-        yield _Change(words, {name: np.roll(columns[name], -rows) for name in names}, late=True)
+def _stated(data: MeasuredData) -> dict[str, str]:
+    """Return the units that the file states, also of columns that were turned from them."""
+    turned = (note for note in data.notes if note.code is Code.UNIT_TURNED)
+    return {**data.units, **{name: note.values.get("stated", "") for note in turned for name in note.columns}}
 
 
-def _changed(
-    formulation: Formulation, q: Mapping[str, Numbers], names: tuple[str, ...], change: Callable[[Numbers], Numbers]
-) -> float:
-    return _misfit(formulation, {**q, **{name: change(np.asarray(q[name])) for name in names}})
+def _words(mistake: Mistake, data: MeasuredData) -> str:
+    """Return how a mistake of these data is cured, as the end of "the readings are near to the model ..."."""
+    names, by = [*mistake.columns], mistake.by
+    listed, one = ", ".join(names), len(names) == 1
+    are, they = ("is", "it") if one else ("are", "they")
+    if mistake.kind is Kind.EXCHANGED:
+        return f"if {names[0]} and {names[1]} are exchanged: each may stand under the name of the other"
+    if mistake.kind is Kind.ROWS:
+        after, late = ("after", "late") if by < 0 else ("before", "early")
+        return f"if {listed} {are} taken from the row {after}: {they} {'comes' if one else 'come'} a row {late}"
+    if mistake.kind is Kind.ZERO:
+        return f"if {plain(by, 3, '+')}{mistake.unit} is added to {listed}: its zero is that far off"
+    if mistake.kind is Kind.SIGN:
+        return f"if {listed} {are} multiplied by -1: {they} {'counts' if one else 'count'} the other way round"
+    missing = json.dumps(dict.fromkeys(names, mistake.unit), ensure_ascii=False)
+    way_out = f"{'looks' if one else 'look'} like {mistake.unit}; state the unit of the column: units={missing}"
+    if description_of(data.machine).own_units:  # stating a unit changes nothing
+        both = "file and model are in units that differ by this factor"
+        way_out = f"{both}; write one of them in those of the other"
+    elif {*names} & {*_stated(data)}:
+        way_out = f"the unit that is stated is wrong by this factor; units={missing} states another"
+    return f"if {listed} {are} multiplied by {by:.6g}: {way_out}"
 
 
-def _shifted(formulation: Formulation, q: Mapping[str, Numbers], name: str, unit: str) -> Cure:
+def _shifted(formulation: Formulation, q: Mapping[str, Numbers], name: str, unit: str) -> tuple[float, str]:
     """Return the best shift of an angle; one that a parameter makes within its bounds is no cure."""
 
     def misfit(shift: float) -> float:
-        return _changed(formulation, q, (name,), lambda value: value + shift)
+        return _misfit(formulation, {**q, name: np.asarray(q[name]) + shift})
 
     places = np.linspace(-pi, pi, _TURN, endpoint=False)
     best = float(min(places, key=misfit))
     width = 2 * pi / _TURN
     best = float(min(np.linspace(best - width, best + width, 41), key=misfit))
-    words = f"if {plain(best, 3, '+')}{unit} is added to {name}: its zero is that far off"
+    words = _words(replace(mistakes.moved(q, name, best), unit=unit), formulation.data)
     slopes = formulation.slopes(q)
     for p in formulation.parameters:
         same, mirrored = (np.allclose(slopes[p.name], sign * slopes[name], rtol=1e-6) for sign in (1.0, -1.0))
         if same or mirrored:
             there = p.start + (best if same else -best)
             more = f" or start {p.name} at {plain(there, 3)}, outside its bounds {p.lower:g} to {p.upper:g}"
-            return f"{words}; add it{more}", np.inf if p.lower <= there <= p.upper else misfit(best)
-    return words, misfit(best)
+            return np.inf if p.lower <= there <= p.upper else misfit(best), f"{words}; add it{more}"
+    return misfit(best), words

@@ -23,7 +23,9 @@ import numpy as np
 from calibench.core import user_file
 from calibench.core.notes import Code, Note
 from calibench.core.options import shown, suggest
+from calibench.core.tables import mistakes
 from calibench.core.tables.cells import USUAL_FACTORS, factors_near
+from calibench.core.tables.mistakes import Kind, Mistake
 from calibench.core.words import counted, plain, print_plain
 from calibench.discrepancy.checks.wild import FAR
 from calibench.discrepancy.machines.simulator import caller as calls
@@ -414,27 +416,24 @@ def _refuse_units(data: MeasuredData, local: LocalModel, nominal: Array, seen: A
         far = (now > FAR) | (misfit(calibrated, factors(calibrated)) < _CURED * now)
     if not far.any():
         return
-    changes: list[tuple[tuple[str, ...], float, float]] = [((), 1.0, 0.0)]
+    columns = dict(zip(names.inputs, inputs.T))
+    found: list[Mistake | None] = [None]
     by_unit: dict[str, list[str]] = {}
     for u in names.inputs if local.independent else ():
         by_unit.setdefault(data.units.get(u, ""), []).append(u)
-        changes += [((u,), factor, 0.0) for factor in {*USUAL_FACTORS, *stated(u)}]
-        changes += [((u,), 1.0, shift) for shift in (_CELSIUS, -_CELSIUS)]
+        found += mistakes.in_units(columns, [u], (("", by) for by in {*USUAL_FACTORS, *stated(u)}))
+        found += [mistakes.moved(columns, u, by) for by in (_CELSIUS, -_CELSIUS)]
     for alike in (one for one in by_unit.values() if len(one) > 1):
-        changes += [(tuple(alike), factor, 0.0) for factor in stated(alike[0])]
+        found += mistakes.in_units(columns, alike, (("", by) for by in stated(alike[0])))
     cures = []
-    for those, factor, shift in changes:
-        u = ", ".join(those)
+    for one in found:
         at = inputs.copy()
-        for k in (k for k, name in enumerate(names.inputs) if name in those):
-            at[:, k] = factor * at[:, k] + shift
+        for u, column in (one.columns if one else {}).items():
+            at[:, names.inputs.index(u)] = column
         with suppress(DataError), np.errstate(all="ignore"):
             [predicted] = local.caller.ask([(at, nominal)])
             for of_outputs in (np.ones(len(far)), np.where(far, factors(predicted), 1.0)):
-                are = "is" if len(those) == 1 else "are"
-                words = [f"{u} {are} multiplied by {factor:.6g}"] * (factor != 1) + [f"{shift:+g} is added to {u}"] * (
-                    shift != 0
-                )
+                words = [_words(one)] if one else []
                 words += [f"{y} is multiplied by {f:.6g}" for y, f in zip(names.outputs, of_outputs) if f != 1]
                 cures.append((misfit(predicted, of_outputs), len(words), " and ".join(words)))
     best = min(cures, key=lambda cure: (round(float(np.mean(cure[0])), 2), cure[1]))
@@ -445,6 +444,13 @@ def _refuse_units(data: MeasuredData, local: LocalModel, nominal: Array, seen: A
             f"{data.name}: the readings are as far from the simulator as shuffled ones, and near to it if {how}: file "
             "and simulator are in other units; write one of them in those of the other"
         )
+
+
+def _words(mistake: Mistake) -> str:
+    names = [*mistake.columns]
+    if mistake.kind is Kind.ZERO:
+        return f"{mistake.by:+g} is added to {names[0]}"
+    return f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} multiplied by {mistake.by:.6g}"
 
 
 def _moved(data: MeasuredData, inputs: Sequence[str], clock: str) -> MeasuredData:

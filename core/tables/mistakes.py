@@ -1,0 +1,84 @@
+"""What a mistake makes of the columns of a table: one list of kinds with their cures, whoever reads the table.
+
+A reader says which of his columns are in one unit, of one sense or read together, and tries how near what he fits is to
+the columns as they would be without a mistake. How a cure is told is his, by the kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum, auto
+from typing import Any, TypeVar, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Columns = Mapping[str, Any]  # name -> numbers, (n,)
+T = TypeVar("T")
+MOST, OR_AS_NEAR = 3, "; or as near "  # cures that a message names, and what stands between them
+
+
+@final
+class Kind(StrEnum):
+    """What is wrong with some columns."""
+
+    UNIT = auto()
+    SIGN = auto()
+    ZERO = auto()
+    EXCHANGED = auto()
+    ROWS = auto()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Mistake:
+    """A mistake of a `kind`: `columns` as they would be without it.
+
+    They are multiplied `by` a number as they are in another `unit` or count the other way, or moved by it: a zero, or
+    by so many rows.
+    """
+
+    kind: Kind
+    columns: Columns
+    by: float = 1.0
+    unit: str = ""
+
+    def kept(self, n: int) -> NDArray[np.bool_]:
+        """Return which of n rows are whole without the mistake: of moved ones the first or the last is not."""
+        rows = np.arange(n)
+        return rows != (0 if self.by > 0 else n - 1) if self.kind is Kind.ROWS else rows >= 0
+
+
+def in_units(columns: Columns, names: Iterable[str], factors: Iterable[tuple[str, float]]) -> list[Mistake]:
+    """Return columns that are all in one of some units: each with what it has to be multiplied by."""
+    read = {name: np.asarray(columns[name], dtype=float) for name in names}
+    return [Mistake(Kind.UNIT, {name: by * one for name, one in read.items()}, by, unit) for unit, by in factors]
+
+
+def reversed_in(columns: Columns, names: Iterable[str]) -> Mistake:
+    """Return columns that all count the other way."""
+    return Mistake(Kind.SIGN, {name: -columns[name] for name in names}, -1.0)
+
+
+def moved(columns: Columns, name: str, by: float) -> Mistake:
+    """Return a column with another zero."""
+    return Mistake(Kind.ZERO, {name: columns[name] + by}, by)
+
+
+def exchanged(columns: Columns, one: str, other: str) -> Mistake:
+    """Return two columns, each under the name of the other."""
+    return Mistake(Kind.EXCHANGED, {one: columns[other], other: columns[one]})
+
+
+def a_row_off(columns: Columns, names: Iterable[str], rows: int) -> Mistake:
+    """Return columns of which each number stands so many `rows` above its own row: -1 below it."""
+    return Mistake(Kind.ROWS, {name: np.roll(columns[name], rows) for name in names}, rows)
+
+
+def likely(tried: Iterable[tuple[float, T]], times: float) -> tuple[float, list[T]]:
+    """Return what the best of `tried` leaves, infinity of none, and those that leave up to as many `times` as much."""
+    tried = list(tried)
+    best, chosen = min(tried, key=lambda one: one[0], default=(np.inf, None))
+    return best, [one for left, one in tried if one is chosen or left <= times * best][:MOST]
