@@ -33,6 +33,7 @@ from calibench.core.process import libraries
 if sys.platform == "win32":
     _LIMITS: tuple[int, ...] = ()
 else:
+    import fcntl
     import resource
 
     _LIMITS = tuple({getattr(resource, name) for name in dir(resource) if name.startswith("RLIMIT_")})
@@ -47,6 +48,8 @@ _TIMERS = tuple(
     getattr(signal, name) for name in ("ITIMER_REAL", "ITIMER_VIRTUAL", "ITIMER_PROF") if hasattr(signal, name)
 )
 _handler_of: Callable[[int], Any] = importlib.import_module("_signal").getsignal  # it looks up no names, so is quicker
+_HELD: dict[tuple[int, int], int] = {}  # device and number of a file -> a descriptor of ours; the last seen at the end
+_MOST_HELD = 16
 _MASKS = ctypes.c_char * 64  # more than fenv_t has on any system
 
 
@@ -178,6 +181,29 @@ def _put_streams(value: Mapping[str, Any]) -> None:
                 stream.reconfigure(encoding=encoding, errors=errors)
 
 
+def _standard_files() -> dict[int, tuple[int, int] | None]:
+    """Return which files the descriptors of the standard streams are of; a copy of each is held, to put it back."""
+    files: dict[int, tuple[int, int] | None] = dict.fromkeys(range(3))
+    for number in files:
+        with suppress(OSError):  # it is closed
+            file = os.fstat(number)
+            files[number] = which = (file.st_dev, file.st_ino)
+            if sys.platform != "win32":
+                _HELD[which] = _HELD.pop(which, 0) or fcntl.fcntl(number, fcntl.F_DUPFD_CLOEXEC, len(files))
+    while len(_HELD) > _MOST_HELD:  # of files that were there for one run
+        os.close(_HELD.pop(next(iter(_HELD))))
+    return files
+
+
+def _put_standard_files(value: Mapping[int, tuple[int, int] | None]) -> None:
+    now = _standard_files()
+    for number, which in value.items():
+        if which is not None and which != now[number]:
+            os.dup2(_HELD[which], number)
+        elif which is None and now[number] is not None:
+            os.close(number)
+
+
 def _no_more_threads(before: frozenset[threading.Thread], after: frozenset[threading.Thread]) -> bool:
     """Tell whether no thread goes on that was not there; one that is about to end may do so."""
     end = time.monotonic() + _PATIENCE
@@ -275,5 +301,7 @@ KINDS: tuple[Kind, ...] = (
     ),
     Kind("resource limits", lambda: {number: resource.getrlimit(number) for number in _LIMITS}, _put_limits),
 )
+if sys.platform != "win32":
+    KINDS += (Kind("standard files", _standard_files, _put_standard_files),)
 if sys.platform == "linux":
     KINDS += (Kind("processor affinity", partial(os.sched_getaffinity, 0), partial(os.sched_setaffinity, 0)),)

@@ -61,19 +61,24 @@ def compare_studies(argv: list[str]) -> int:
             several = ", ".join(map(repr, swept))
             raise ValueError(f"compare: these have several settings: name one of each side: {several}")
         raise ValueError(f"compare: there is no cell in both: {_why_none(first, second, methods is not None)}")
+    changed = _changed_problems(first, second)
     if "--json" in flags:
         counts = {verdict: compared.count(verdict) for verdict in _VERDICTS}
         only = {"only_first": compared.only_first, "only_second": compared.only_second}
-        print_json({"cells": compared.cells.to_dict("records"), **counts, **only})
+        print_json({"cells": compared.cells.to_dict("records"), **counts, **only, "changed_problems": changed})
     else:
         _print(compared, methods)
-        # the code of each problem, and its file of data, by the runs of both sides
-        codes = [runs[runs["code_digest"].str.len() > 0].groupby("problem")["code_digest"] for runs in (first, second)]
-        a, b = (groups.agg(set).to_dict() for groups in codes)
-        for name in (name for name in a if name in b):
-            if all({"problem", "files"} & {*changed_parts(one, other)} for one in a[name] for other in b[name]):
-                print(f"{name} is of other code, or other data, in B than in A: what differs may be the problem")
+        for name in changed:
+            print(f"{name} is of other code, or other data, in B than in A: what differs may be the problem")
     return 1 if compared.count("worse") else 0
+
+
+def _changed_problems(first: pd.DataFrame, second: pd.DataFrame) -> list[str]:
+    """Return the problems that are of other code, or other data, in every run of the second than of the first."""
+    codes = [runs[runs["code_digest"].str.len() > 0].groupby("problem")["code_digest"] for runs in (first, second)]
+    a, b = (groups.agg(set).to_dict() for groups in codes)
+    parts = {n: [{*changed_parts(one, other)} for one in a[n] for other in b[n]] for n in a if n in b}
+    return [str(name) for name, each in parts.items() if all({"problem", "files"} & some for some in each)]
 
 
 def _of_method(runs: pd.DataFrame, name: str) -> pd.DataFrame:

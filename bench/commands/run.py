@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 _AGAIN = ("--retry-failed", "--rerun", "--keep", "--drop-planned")  # of one call, not of the study
 _LONG = 40  # rows of a summary that are still printed
 _SHORT = 12  # rows that are printed of a longer one
+_FIRST = 10  # cells that a dry run lists
 _WIDE = 100  # letters of an error in the list of failures, at least: as many as the terminal has room for
 _UNUSED = (
     "traceback", "best_x", "at_bound", "parameter_names", "parameter_values", "parameter_units", "parameter_starts",
@@ -62,7 +63,9 @@ def run(argv: list[str]) -> int:
     """Carry out the sweep that `argv` asks for; 1 where a run failed or has no row."""
     if any(word.partition("=")[0] in ("--config-dir", "-cd", "--config-name", "-cn") for word in argv):
         raise ValueError("--config-dir: is not built; words of your own stand in a study file, study=FILE.yaml")
-    flags, words = split_flags(argv, ("-m", "--multirun", "--dry-run", *_AGAIN))
+    flags, words = split_flags(argv, ("-m", "--multirun", "--dry-run", "--all", *_AGAIN))
+    if "--all" in flags and "--dry-run" not in flags:
+        raise ValueError("--all: lists every cell of a dry run; give it with --dry-run")
     if {"--rerun", "--keep"} <= flags:
         raise ValueError("--rerun and --keep: rows of other code are done again or kept; give one of the two")
     retry, drop = "--retry-failed" in flags, "--drop-planned" in flags
@@ -84,7 +87,7 @@ def run(argv: list[str]) -> int:
     for line in (*request.left_out, *request.copies, *request.remarks):
         print(line)
     if "--dry-run" in flags:
-        return _dry_run(request, retry, way)
+        return _dry_run(request, retry, way, len(request.labels) if "--all" in flags else _FIRST)
     with _ended_by_sigterm():
         outcome = carry(request, command)
     return _print(request, outcome, way)
@@ -184,7 +187,8 @@ def _print_failures(rows: pa.Table, request: Request, way: Way) -> None:
     print(f"`bench show RUN_ID{where}` prints one of them, with the last frames of an error that Python has raised")
 
 
-def _dry_run(request: Request, retry_failed: bool, way: Way) -> int:
+def _dry_run(request: Request, retry_failed: bool, way: Way, most: int) -> int:
+    """Print what would be done, of at most so many cells by name; return 2 where rows of other code forbid it."""
     store = ResultStore(request.folder)
     states = store.survey().states if store.folder.is_dir() else {}
     failed = {run_id for run_id, state in states.items() if state.status != "ok" and run_id in request.specs}
@@ -194,8 +198,10 @@ def _dry_run(request: Request, retry_failed: bool, way: Way) -> int:
         done -= {*stale.other, *stale.unknown}
     runs = Counter(request.labels.values())
     finished = Counter(label for run_id, label in request.labels.items() if run_id in done)
-    for label, count in runs.items():
+    for label, count in [*runs.items()][:most]:
         print(f"{count:4d} {plural('run', count)}, {finished[label]} done  {request.called.get(label, label)}")
+    if len(runs) > most:
+        print(f"and {counted(len(runs) - most, 'cell')} more; --dry-run --all lists them")
     asks = "--rerun does them again, --keep goes on with them"
     ways = {"ask": asks, "rerun": "they are done again", "keep": "they are kept"}
     for line in stale.lines() if stale is not None else ():

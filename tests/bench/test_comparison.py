@@ -345,6 +345,8 @@ def test_a_problem_of_other_code_is_told(tmp_path, capsys, monkeypatch):
         _bench("compare", f"results/{one}", f"results/{other}")
         out = capsys.readouterr().out
         assert ("mine.py:P is of other code, or other data, in B" in out) == told
+        _bench("compare", f"results/{one}", f"results/{other}", "--json")
+        assert json.loads(capsys.readouterr().out)["changed_problems"] == ["mine.py:P"] * told
         assert re.search(r"\d+/\d+ -> \d+/\d+ after \d+ -> \d+", out)  # what reaching the goal cost
 
 

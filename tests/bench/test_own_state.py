@@ -41,6 +41,12 @@ def leave_a_thread():
 def few_files(limit=200):
     resource.setrlimit(resource.RLIMIT_NOFILE, (limit, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
 
+def is_open(number):
+    try:
+        return bool(os.fstat(number))
+    except OSError:
+        return False
+
 def umask():
     before = os.umask(0o77)
     os.umask(before)
@@ -77,6 +83,7 @@ ACTS = {  # name of what is set -> how, and whether it is so
     "sys.argv": (lambda: sys.argv.append("leak"), lambda: "leak" in sys.argv),
     "sys.meta_path": (lambda: sys.meta_path.append(Finder()), lambda: any(type(x) is Finder for x in sys.meta_path)),
     "standard streams": (lambda: setattr(sys, "stdout", io.StringIO()), lambda: isinstance(sys.stdout, io.StringIO)),
+    "standard files": (lambda: os.close(1), lambda: not is_open(1)),
     "hooks of sys": (lambda: setattr(sys, "excepthook", print), lambda: sys.excepthook is print),
     "logging": (lambda: logging.basicConfig(level=1, force=True), lambda: logging.root.level == 1),
     "garbage collection": (gc.disable, lambda: not gc.isenabled()),

@@ -216,6 +216,18 @@ def test_a_dry_run_tells_how_many_and_about_how_long(run_bench, tmp_path):
     assert f"4 cells, 19 runs, {done} done, {19 - done} left" in run_bench(f"{SWEEP} --dry-run")[1]
 
 
+def test_a_dry_run_of_many_cells_lists_the_first_and_counts_the_others(run_bench):
+    words = SWEEP.replace("budget=60", "budget=20,21,22,23 --dry-run")
+    few, every = (run_bench(f"{words}{more}")[1].splitlines() for more in ("", " --all"))
+    cells = [line for line in every if " done  " in line]
+    assert len(cells) > 12
+    assert [line for line in every if line not in few] == cells[10:]
+    assert [line for line in few if line not in every] == [
+        f"and {len(cells) - 10} cells more; --dry-run --all lists them"
+    ]
+    assert "give it with --dry-run" in run_bench("run problem=sensor_zero optimizer=de --all")[2]
+
+
 def test_the_manifest_names_each_run_once(run_bench):
     run_bench(SWEEP)
     manifest = json.loads((ResultStore("results/adhoc").folder / "manifest.json").read_text())
