@@ -4,7 +4,7 @@ A wrong unit, order of rotations or left-handed frame each has its own pattern o
 the file states is kept; what contradicts the arm is refused, with the mistake without which the readings fit.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -108,6 +108,10 @@ def _start(readings: Readings, chain: Chain, rotation: str, limits: bool) -> Sta
     if any(name in readings.table.units for name in columns.values()):
         source = "stated"
     readings, poses, frames = slid(readings, chain)
+    if np.mean(frames.near) < _SOUND and (found := _cured(readings, chain, of=_in_part)):
+        lie = f"{np.sum(~frames.near)} of {len(poses)} poses lie far from where the others have the arm"
+        text = f"{lie}, and all within {plain(found[0], 2)} mm {found[1].text}"
+        raise DataError(text, replace(found[1], text=text))
     readings, frames = _in_mm(readings, frames, poses, chain, source, limits)
     readings = _within_limits(readings, chain, limits)
     assert readings.position is not None
@@ -272,7 +276,10 @@ def mistake_in(readings: Readings, chain: Chain) -> str:
     return f"; they lie {plain(now, 3)} mm apart, and {plain(found[0], 2)} mm {found[1].text}" if found else ""
 
 
-def _cured(readings: Readings, chain: Chain, most: float = inf) -> tuple[float, Note] | None:
+def _cured(
+    readings: Readings, chain: Chain, most: float = inf,
+    of: Callable[[Readings, Chain], Iterator[Sequence[Mistake]]] | None = None,
+) -> tuple[float, Note] | None:  # fmt: skip
     """Return the mistake without which the readings fit the arm, to `most` mm, and how well; None where none is."""
     best: tuple[float, Note] | None = None
     ways = [readings]  # and with sliding joints in m where no unit is stated: beside a mistake neither need fit
@@ -284,27 +291,31 @@ def _cured(readings: Readings, chain: Chain, most: float = inf) -> tuple[float, 
         ways.append(replace(readings, joints=in_m))
     for meant in ways:
         some = meant if meant.loci is None else _some(meant)  # a start of these is a search
-        for group in _mistakes(some, chain):
-            tried = [(*_apart(_without(one, some, chain), chain), one) for one in group]
-            far, found = mistakes.likely(((far, one) for far, fits, one in tried if fits), _AS_NEAR)
+        for group in (of or _mistakes)(some, chain):
+            kept = [one.kept(len(some)) for one in group]
+            without = [_meant(one.columns, some, chain).where(rows) for one, rows in zip(group, kept)]
+            tried = [(*_apart(so, chain), one) for so, one in zip(without, group)]
+            far, found = mistakes.likely(((far, (one, unit)) for far, unit, one in tried if unit), _AS_NEAR)
             if found and far < (most if best is None else _AGAIN * best[0]):
-                notes = [_told(one, some, chain) for one in found]
+                simpler = [one for one in found if one[1] == "mm"]
+                notes = [_told(one, some, chain, unit) for one, unit in simpler or found]
                 best = far, replace(notes[0], text=mistakes.OR_AS_NEAR.join(note.text for note in notes))
                 break
     return best
 
 
-def _apart(readings: Readings, chain: Chain) -> tuple[float, bool]:
-    """Return how far readings and nominal arm lie apart [mm], and whether they fit so."""
+def _apart(readings: Readings, chain: Chain) -> tuple[float, str]:
+    """Return how far readings and nominal arm lie apart [mm], and the unit of positions in which they fit, or ""."""
     poses = forward(chain, nominal(chain), readings.joints)
     if readings.position is None:
         _, far, most = apart_in_sockets(poses, readings.socket)
-        return far, far < 0.5 * most
+        return far, "mm" if far < 0.5 * most else ""
     if readings.loci is not None:
         *_, far = place(poses, readings.position, readings.loci, followed=1)
-        return far, far < 0.5 * APART * _reach(poses)
+        return far, "mm" if far < 0.5 * APART * _reach(poses) else ""
     frames = solve.frames_of_positions(poses, readings.position)
-    return frames.apart, unit_of(frames) is not None and frames.apart < 0.5 * (APART * frames.reach)
+    sound = np.mean(frames.near) >= _SOUND and frames.apart < 0.5 * (APART * frames.reach)
+    return frames.apart, (unit_of(frames) or "") if sound else ""
 
 
 def _reach(poses: Array) -> float:
@@ -447,7 +458,7 @@ def _mistakes(readings: Readings, chain: Chain) -> Iterator[Sequence[Mistake]]:
     every, places = [readings.matched.joints[name] for name in chain.driven], [*readings.matched.position.values()]
     stated = bool({*angles} & {*readings.table.units})
     mixed = [(unit, UNITS[unit] / UNITS[taken]) for unit, taken in _MIXED]
-    turned = [("deg", np.pi / 180), ("rad", 180 / np.pi)][: 1 + stated]
+    turned = [("deg", np.pi / 180), *[("rad", 180 / np.pi)] * stated, ("rev", 360.0 if stated else 2 * np.pi)]
     for names, units in ((angles, turned), (rails, mixed)):
         yield from ([one] for one in mistakes.in_units(columns, names, units) if names)
     if readings.position is not None and readings.loci is None:
@@ -462,18 +473,65 @@ def _mistakes(readings: Readings, chain: Chain) -> Iterator[Sequence[Mistake]]:
             continue
         of_joints.append(mistakes.moved(columns, column, np.deg2rad(_zero_of(readings, chain, k))))
         if stated and len(angles) > 1:  # one that is in degrees where rad are stated is refused by its size
-            of_joints += mistakes.in_units(columns, [column], turned[1:])
+            of_joints += mistakes.in_units(columns, [column], turned[1:2])
     yield of_joints + [mistakes.exchanged(columns, *both) for both in combinations(every, 2)]
     if readings.position is not None and places:
         yield [one for name in places for one in mistakes.in_units(columns, [name], mixed)]
+    yield from _in_part(readings, chain)
 
 
-def _told(mistake: Mistake, readings: Readings, chain: Chain) -> Note:
-    """Return what a mistake is, its text as the end of "readings and arm lie 300 mm apart, and 1 mm ..."."""
+def _in_part(readings: Readings, chain: Chain) -> Iterator[Sequence[Mistake]]:
+    """Yield mistakes of the last rows, or the first: units, and rows that are out of step after one was lost."""
+    n, columns, (angles, rails) = len(readings), _columns(readings, chain), _kinds_of(readings, chain)
+    if readings.position is None or readings.loci is not None or n < _PARTS * _LEAST_PART:
+        return
+    every, places = [*angles, *rails], [*readings.matched.position.values()]
+    mixed = [(unit, UNITS[unit] / UNITS[taken]) for unit, taken in _MIXED]
+    turned = [("deg", np.pi / 180), ("rad", 180 / np.pi)]
+    whole = [*mistakes.in_units(columns, angles, turned), *mistakes.in_units(columns, places, mixed)]
+    whole += [mistakes.a_row_off(columns, every, rows) for rows in (1, -1)]
+    poses, found = forward(chain, nominal(chain), readings.joints), []
+    for some in (slice(n // _PARTS), slice(n - n // _PARTS, n)):  # of the rows the part that is sound
+        frames = solve.frames_of_positions(poses[some], readings.position[some])
+
+        def left(changed: Mapping[str, Array], frames: Frames = frames) -> Array:
+            meant = _meant(changed, readings, chain)
+            there = (frames.base @ forward(chain, nominal(chain), meant.joints) @ frames.tool)[:, :3, 3]
+            assert meant.position is not None
+            return np.asarray(np.sqrt(((frames.scale * meant.position - there) ** 2).sum(axis=1)))
+
+        as_read = left({})
+        found += [mistakes.in_part(one, columns, as_read, left(one.columns), bool(some.start)) for one in whole]
+    yield found
+
+
+def _told(mistake: Mistake, readings: Readings, chain: Chain, unit: str) -> Note:
+    """Return what a mistake is, its text as the end of "readings and arm lie 300 mm apart, and 1 mm ..."; positions
+    that were taken for mm are in this `unit` besides.
+    """
+    note, names = _of_one(mistake, readings, chain), [*readings.matched.position.values()]
+    if unit == "mm" or not {*names} & {*"xyz", *readings.table.units}:
+        return note
+    how, units, cure = note.text.partition(": units=")
+    beside, theirs = f"{', '.join(names)} in {unit}", as_units(names, unit)
+    both = f"{how} and {beside}{units}{cure},{theirs.removeprefix('units=')}"
+    return replace(note, text=both if units else f"{note.text}; with {beside} besides: {theirs}")
+
+
+def _of_one(mistake: Mistake, readings: Readings, chain: Chain) -> Note:
+    """Return what one mistake is."""
     names, unit, matched = tuple(mistake.columns), mistake.unit, readings.matched
+    first, end = mistake.rows or (0, len(readings))
+    some = f"from {readings.label(first)} on" if first else f"up to {readings.label(end - 1)}"
+    rows = (readings.label(first), readings.label(end - 1)) if mistake.rows else ()
+    if mistake.rows and mistake.kind is Kind.UNIT:
+        code = Code.JOINT_UNIT if {*names} & {*matched.joints.values()} else Code.POSITION_UNIT
+        text = f"with {', '.join(names)} in {unit} {some}, and as they are in the other rows: bring all to one unit"
+        return Note(code, text, names, rows, {"unit": unit})
     if mistake.kind is Kind.ROWS:
         text = f"if the readings of each row's joints stand in the row {'below' if mistake.by > 0 else 'above'}"
-        return Note(Code.ROWS_OUT_OF_STEP, text, values={"rows": int(mistake.by)})
+        text += f" {some}: there a row is missing, or one too many" if mistake.rows else ""
+        return Note(Code.ROWS_OUT_OF_STEP, text, rows=rows, values={"rows": int(mistake.by)})
     axis = next((axis for axis, name in matched.position.items() if name in names), None)
     if axis and mistake.kind is Kind.SIGN:
         text = f"if x, y and z are those of a left-handed frame: {_left_handed(matched.position)}"
@@ -520,15 +578,15 @@ def _kinds_of(readings: Readings, chain: Chain) -> tuple[list[str], list[str]]:
     return [named[name] for name in chain.driven if name not in readings.sliding], slide
 
 
-def _without(mistake: Mistake, readings: Readings, chain: Chain) -> Readings:
-    """Return the readings as they would be without a mistake."""
-    columns, position = {**_columns(readings, chain), **mistake.columns}, readings.position
+def _meant(changed: Mapping[str, Array], readings: Readings, chain: Chain) -> Readings:
+    """Return the readings with some columns changed."""
+    columns, position = {**_columns(readings, chain), **changed}, readings.position
     joints = np.column_stack([columns[readings.matched.joints[name]] for name in chain.driven])
     if position is not None:
         position = position.copy()
         for axis, name in readings.matched.position.items():
             position[:, POSITION.index(axis)] = columns[name]
-    return replace(readings, joints=joints, position=position).where(mistake.kept(len(joints)))
+    return replace(readings, joints=joints, position=position)
 
 
 def _some(readings: Readings) -> Readings:
@@ -567,7 +625,9 @@ LENGTHS = ("a", "d")
 _ROUNDS, _FAR = 4, 6.0  # times the median of what is left: a reading beyond has no influence, as it may be wild
 _BETTER = 0.2  # of the misfit of the table as it stands: one change of an arm that is merely not calibrated gains less
 _AS_WELL = 2.0  # times the misfit of the best change: one that leaves less may be meant as well
-_IN = {"deg": "degrees", "rad": "rad, and not in degrees as the file states"}
+_SOUND = 0.85  # of the poses must lie near to where the others have the arm
+_PARTS, _LEAST_PART = 3, 8  # of the rows a part is sound where another is mistaken, and has so many rows at least
+_IN = {"deg": "degrees", "rad": "rad, and not in degrees as the file states", "rev": "turns"}
 _AS_NEAR = 1.2  # times what the best cure of a file leaves: one that leaves less may be meant as well
 _STRAIGHT = 1e-3  # rad: an alpha that is nearer to a multiple of a quarter turn is one
 

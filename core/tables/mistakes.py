@@ -7,7 +7,7 @@ the columns as they would be without a mistake. How a cure is told is his, by th
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum, auto
 from typing import Any, TypeVar, final
 
@@ -37,18 +37,27 @@ class Mistake:
     """A mistake of a `kind`: `columns` as they would be without it.
 
     They are multiplied `by` a number as they are in another `unit` or count the other way, or moved by it: a zero, or
-    by so many rows.
+    by so many rows. Where it is not in all rows, it is in those from the first of `rows` to before the second.
     """
 
     kind: Kind
     columns: Columns
     by: float = 1.0
     unit: str = ""
+    rows: tuple[int, int] | None = None
 
     def kept(self, n: int) -> NDArray[np.bool_]:
         """Return which of n rows are whole without the mistake: of moved ones the first or the last is not."""
-        rows = np.arange(n)
-        return rows != (0 if self.by > 0 else n - 1) if self.kind is Kind.ROWS else rows >= 0
+        first, end = self.rows or (0, n)
+        lost = first if self.by > 0 else end - 1
+        return np.not_equal(np.arange(n), lost if self.kind is Kind.ROWS else n)
+
+    def within(self, read: Columns, first: int, end: int) -> Mistake:
+        """Return the mistake in some rows of what was `read`."""
+        columns = {name: np.array(read[name], dtype=float) for name in self.columns}
+        for name, column in columns.items():
+            column[first:end] = self.columns[name][first:end]
+        return replace(self, columns=columns, rows=(first, end))
 
 
 def in_units(columns: Columns, names: Iterable[str], factors: Iterable[tuple[str, float]]) -> list[Mistake]:
@@ -75,6 +84,16 @@ def exchanged(columns: Columns, one: str, other: str) -> Mistake:
 def a_row_off(columns: Columns, names: Iterable[str], rows: int) -> Mistake:
     """Return columns of which each number stands so many `rows` above its own row: -1 below it."""
     return Mistake(Kind.ROWS, {name: np.roll(columns[name], rows) for name in names}, rows)
+
+
+def in_part(mistake: Mistake, read: Columns, sound: Array, cured: Array, first: bool) -> Mistake:
+    """Return a mistake in the `first` rows only, or in the last, of what was `read`.
+
+    It is in as many as leave least, where `sound` (n,) is what each row leaves as it was read, and `cured` without it.
+    """
+    gain = np.concatenate([[0.0], np.cumsum(cured - sound)])  # of rows that are read as they stand, before this one
+    begin = int(np.argmin(gain) if first else np.argmax(gain))
+    return mistake.within(read, *((0, begin) if first else (begin, len(sound))))
 
 
 def likely(tried: Iterable[tuple[float, T]], times: float) -> tuple[float, list[T]]:

@@ -125,6 +125,7 @@ def robust(model: Model, noise: Array) -> Array:
 
 # parts of the misfit of shuffled readings: before a cure, after it; and the least improvement
 FAR, _NEAR, _BETTER = 0.4, 0.2, 4.0
+_OF_ALL = 0.9  # of the rows have to be near where a part of them is cured
 _ROWS = 300  # most rows that are compared
 _LEAST = 8  # rows that are needed at least
 _TURN = 72  # places of a zero that are tried
@@ -149,22 +150,26 @@ _UNKNOWN = {"m": 1000.0, "um": 1e-3, "deg": pi / 180, "rad": 180 / pi}  # units 
 
 
 def refuse_wild(formulation: Formulation) -> None:
-    """Raise `DataError` for readings that one factor or one shift brings near to the model; the message names it."""
+    """Raise `DataError` for readings that a mistake less brings near to the model; the message names it.
+
+    What is wrong in a part of the rows is looked for before what is wrong in all of them, and that before two units.
+    """
     for kind in (kind for _, kind in _kinds(formulation)):
         n = len(kind.data)
-        if n < _LEAST:
+        if n < _LEAST or getattr(kind, "of_rows", None) is not None:  # a simulator: hundreds of calls
             continue
         few = kind.on(kind.data.rows(np.unique(np.linspace(0, n - 1, min(n, _ROWS)).astype(int))))
         q = Model(few).quantities()[0]
-        misfit = _misfit(few, q)
-        if not misfit > FAR or getattr(few, "of_rows", None) is not None:  # a simulator: hundreds of calls
-            continue
-        best, cures = mistakes.likely(_cures(few, q, kind), _ALIKE)
-        if best < min(_NEAR, misfit / _BETTER):
-            raise DataError(
-                f"{kind.data.name}: the readings are as far from the model as shuffled ones ({plain(misfit, 2)} of "
-                f"their misfit), and near to it ({plain(best, 2)}) {mistakes.OR_AS_NEAR.join(cures)}"
-            )
+        for part, cures_of, them in ((_OF_ALL, _in_part, "many"), (0.5, _cures, "the"), (0.5, _two_units, "the")):
+            misfit = _misfit(few, q, part)
+            if not misfit > FAR:
+                continue
+            best, cures = mistakes.likely(cures_of(few, q, kind), _ALIKE)
+            if best < min(_NEAR, misfit / _BETTER):
+                raise DataError(
+                    f"{kind.data.name}: {them} readings are as far from the model as shuffled ones ({plain(misfit, 2)} "
+                    f"of their misfit), and near to it ({plain(best, 2)}) {mistakes.OR_AS_NEAR.join(cures)}"
+                )
 
 
 def as_far_as_shuffled(formulation: Formulation, x: Array) -> bool:
@@ -434,17 +439,62 @@ def _kinds(formulation: Formulation) -> list[tuple[NDArray[np.int_], Formulation
     return [(own, formulation.on(formulation.data.rows(own))) for own in rows]
 
 
-def _misfit(formulation: Formulation, q: Mapping[str, Numbers]) -> float:
-    """Return the median constraint at `q` relative to that of shuffled readings, of the worst kind of rows."""
+def _misfit(formulation: Formulation, q: Mapping[str, Numbers], part: float = 0.5) -> float:
+    """Return the constraint at `q` that a `part` of the rows keeps, relative to that of shuffled ones, the worst."""
     order = np.random.default_rng(0)
     mixed = {name: order.permutation(value) if np.ndim(value) else value for name, value in q.items()}
     with np.errstate(all="ignore"):
-        here, there = (np.median(np.abs(formulation.constraints(at)), axis=0) for at in (q, mixed))
+        here, there = (np.quantile(np.abs(formulation.constraints(at)), part, axis=0) for at in (q, mixed))
         shares = np.where((there > 0) & np.isfinite(here) & np.isfinite(there), here / there, 1.0)
     return float(np.max(shares))
 
 
 def _cures(formulation: Formulation, q: Mapping[str, Numbers], whole: Formulation) -> Iterator[tuple[float, str]]:
+    """Yield what is left without each mistake, and it in words."""
+    found, unit_of = _mistakes_of(formulation, q)
+    for one in found:
+        yield _misfit(formulation, {**q, **one.columns}), _words(one, formulation.data)
+    own_units = description_of(formulation.data.machine).own_units
+    for name, unit in unit_of.items():
+        if unit in ("rad", ""):
+            yield _shifted(formulation, q, name, "" if own_units and not unit else " rad")
+    first = whole.on(whole.data.rows(np.arange(min(len(whole.data), _ROWS))))
+    at = Model(first).quantities()[0]
+    for one in _rows_off(first, at):
+        yield _misfit(first, {**at, **one.columns}), _words(one, first.data)
+
+
+def _in_part(_few: Formulation, _q: Mapping[str, Numbers], whole: Formulation) -> Iterator[tuple[float, str]]:
+    """Yield the same of mistakes of the first rows or the last: units, and rows that are off after one was lost."""
+    q, n = Model(whole).quantities()[0], len(whole.data)
+    order = np.random.default_rng(0)
+    shuffled = whole.constraints({name: order.permutation(v) if np.ndim(v) else v for name, v in q.items()})
+    size = np.median(np.abs(shuffled), axis=0) + _TINY
+
+    def left(columns: Mapping[str, Numbers]) -> Array:
+        return np.asarray(
+            np.nan_to_num(np.minimum(np.abs(whole.constraints({**q, **columns})) / size, 1.0)).sum(axis=1)
+        )
+
+    as_read = left({})
+    for one in [one for one in _mistakes_of(whole, q)[0] if one.kind is Kind.UNIT] + _rows_off(whole, q):
+        cured = left(one.columns)
+        for part in (mistakes.in_part(one, q, as_read, cured, first) for first in (False, True)):
+            if part.rows and _LEAST <= part.rows[1] - part.rows[0] <= n - _LEAST:
+                yield _misfit(whole, {**q, **part.columns}, _OF_ALL), _words(part, whole.data)
+
+
+def _two_units(few: Formulation, q: Mapping[str, Numbers], _whole: Formulation) -> Iterator[tuple[float, str]]:
+    """Yield the same of two units of two kinds of columns."""
+    units = [one for one in _mistakes_of(few, q)[0] if one.kind is Kind.UNIT and one.unit in _USUAL]
+    for pair in combinations(units, 2):
+        if not {*pair[0].columns} & {*pair[1].columns}:
+            columns = {**pair[0].columns, **pair[1].columns}
+            yield _misfit(few, {**q, **columns}), ", and ".join(_words(one, few.data) for one in pair)
+
+
+def _mistakes_of(formulation: Formulation, q: Mapping[str, Numbers]) -> tuple[list[Mistake], dict[str, str]]:
+    """Return what may be wrong in all rows of what is read and of inputs, and the units of these."""
     kinds: dict[tuple[str, str], list[str]] = {}
     for sensor in formulation.sensors:
         unit = sensor.unit or formulation.data.units.get(sensor.column, "")
@@ -455,24 +505,18 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers], whole: Formulatio
     unit_of = {name: unit for (_, unit), names in kinds.items() for name in names}
     groups = [tuple(names) for names in kinds.values()]
     by_unit = [tuple(n for n in unit_of if unit_of[n] == unit) for unit in dict.fromkeys(unit_of.values())]
-    single = [(name,) for name in unit_of]
     stated = formulation.data.units
-    own_units = description_of(formulation.data.machine).own_units
     unstated = [names for group in by_unit if (names := tuple(n for n in group if n not in stated))]
-    together = [*dict.fromkeys((*groups, *by_unit, *unstated, *single))]
-    for one in _mistakes(q, unit_of, together, groups, formulation.data):
-        yield _misfit(formulation, {**q, **one.columns}), _words(one, formulation.data)
-    for name, unit in unit_of.items():
-        if unit in ("rad", ""):
-            yield _shifted(formulation, q, name, "" if own_units and not unit else " rad")
-    # one kind of column is shifted by a row: two files that were put side by side
-    first = whole.on(whole.data.rows(np.arange(min(len(whole.data), _ROWS))))
-    at, inputs = Model(first).quantities()[0], inputs_of(first)
-    alike = kinds_of(first.sensors)
+    together = [*dict.fromkeys((*groups, *by_unit, *unstated, *((name,) for name in unit_of)))]
+    return [*_mistakes(q, unit_of, together, groups, formulation.data)], unit_of
+
+
+def _rows_off(formulation: Formulation, q: Mapping[str, Numbers]) -> list[Mistake]:
+    """Return one kind of column shifted by a row: two files that were put side by side."""
+    inputs, alike = inputs_of(formulation), kinds_of(formulation.sensors)
     sides = [tuple(inputs)] if inputs else [tuple(sensor.column for sensor in kind) for kind in alike]
-    for names in sides if inputs or len(sides) > 1 else []:
-        for one in (mistakes.a_row_off(at, names, rows) for rows in (-1, 1)):
-            yield _misfit(first, {**at, **one.columns}), _words(one, first.data)
+    some = sides if inputs or len(sides) > 1 else []
+    return [mistakes.a_row_off(q, names, rows) for names in some for rows in (-1, 1)]
 
 
 def _mistakes(
@@ -500,15 +544,24 @@ def _words(mistake: Mistake, data: MeasuredData) -> str:
     names, by = [*mistake.columns], mistake.by
     listed, one = ", ".join(names), len(names) == 1
     are, they = ("is", "it") if one else ("are", "they")
+    where = ""
+    if mistake.rows:
+        first, end = mistake.rows
+        row = data.rows_named(np.array([first or end - 1]))
+        where = f" from {row} on" if first else f" up to {row}"
     if mistake.kind is Kind.EXCHANGED:
         return f"if {names[0]} and {names[1]} are exchanged: each may stand under the name of the other"
     if mistake.kind is Kind.ROWS:
         after, late = ("after", "late") if by < 0 else ("before", "early")
-        return f"if {listed} {are} taken from the row {after}: {they} {'comes' if one else 'come'} a row {late}"
+        why = "there one is missing, or one too many" if where else f"{they} {'comes' if one else 'come'} a row {late}"
+        return f"if {listed} {are} taken from the row {after}{where}: {why}"
     if mistake.kind is Kind.ZERO:
         return f"if {plain(by, 3, '+')}{mistake.unit} is added to {listed}: its zero is that far off"
     if mistake.kind is Kind.SIGN:
         return f"if {listed} {are} multiplied by -1: {they} {'counts' if one else 'count'} the other way round"
+    if where:
+        other = f"{they} {'looks' if one else 'look'} like {mistake.unit} there"
+        return f"if {listed} {are} multiplied by {by:.6g}{where}: {other}; bring all rows to one unit"
     missing = json.dumps(dict.fromkeys(names, mistake.unit), ensure_ascii=False)
     way_out = f"{'looks' if one else 'look'} like {mistake.unit}; state the unit of the column: units={missing}"
     if description_of(data.machine).own_units:  # stating a unit changes nothing

@@ -30,6 +30,19 @@ def shifted(degrees):
     return spoil
 
 
+def in_part(of, rows, factor):
+    def spoil(*both):
+        both[of][rows] *= factor
+        return both
+
+    return spoil
+
+
+def without_row(of, row):
+    return lambda *both: tuple(np.delete(one, row if k == of else -1, axis=0) for k, one in enumerate(both))
+
+
+IN_TURNS = ",".join(f"{name}:rev" for name in NAMES)
 SPOILT = {
     "exchanged": (exchanged, Code.JOINTS_EXCHANGED, """columns='{"q_joint_2":"joint_3","q_joint_3":"joint_2"}'"""),
     "turned": (turned, Code.JOINT_REVERSED, "if joint joint_3 turns the other way than in the URDF"),
@@ -37,6 +50,16 @@ SPOILT = {
     "shifted": (shifted(-37), Code.JOINT_SHIFTED, "if -37° are added to joint joint_4"),
     "degrees": (lambda q, seen: (np.rad2deg(q), seen), Code.JOINT_UNIT, f"units={ALL}"),
     "metres": (lambda q, seen: (q, seen / 1000), Code.POSITION_UNIT, "units=x:m,y:m,z:m"),
+    "turns": (lambda q, seen: (q / (2 * np.pi), seen), Code.JOINT_UNIT, f"with joints in turns: units={IN_TURNS}"),
+    "turns, metres": (
+        lambda q, seen: (q / (2 * np.pi), seen / 1000),
+        Code.JOINT_UNIT,
+        f"with joints in turns and x, y, z in m: units={IN_TURNS},x:m,y:m,z:m",
+    ),
+    "half in m": (in_part(1, slice(30, 60), 1e-3), Code.POSITION_UNIT, "x, y, z in m from row 31 on"),
+    "a quarter in m": (in_part(1, slice(15), 1e-3), Code.POSITION_UNIT, "x, y, z in m up to row 15"),
+    "a row of joints lost": (without_row(0, 20), Code.ROWS_OUT_OF_STEP, "in the row below from row 22 on"),
+    "a row of places lost": (without_row(1, 40), Code.ROWS_OUT_OF_STEP, "in the row above from row 41 on"),
     "below": (lambda q, seen: (q, np.roll(seen, 1, axis=0)), Code.ROWS_OUT_OF_STEP, "stand in the row below"),
     "above": (lambda q, seen: (q, np.roll(seen, -1, axis=0)), Code.ROWS_OUT_OF_STEP, "stand in the row above"),
 }
@@ -48,7 +71,7 @@ def folder(tmp_path_factory):
     (made / "my.urdf").write_text(urdf())
     q, seen, _ = measured(60)
     for name, (spoil, _, _) in SPOILT.items():
-        (made / f"{name}.csv").write_text(table(*spoil(q, seen)))
+        (made / f"{name}.csv").write_text(table(*spoil(q.copy(), seen.copy())))
     return made
 
 
@@ -84,6 +107,14 @@ def test_one_joint_in_rad_among_those_in_degrees_is_told(folder):
         calibench.calibrate(
             folder / "my.urdf", np.column_stack([mixed, seen]), names=[*(f"{n} [deg]" for n in NAMES), *"xyz"]
         )
+
+
+def test_rows_that_an_arm_moved_in_have_no_cure_in_a_unit_or_a_lost_row(folder):
+    q, seen, _ = measured(60)
+    seen[40:] += 20
+    with pytest.raises(DataError) as refused:
+        calibench.calibrate(folder / "my.urdf", np.column_stack([q, seen]), names=[*NAMES, *"xyz"])
+    assert refused.value.note.code is Code.TWO_STANDS
 
 
 def test_what_is_no_mistake_that_is_known_is_told_as_another_arm(folder):
