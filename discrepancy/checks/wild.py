@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
@@ -139,7 +140,7 @@ _LOW = 0.25  # of the stated noise: if calibration leaves less, numbers are in a
 _LITTLE = 0.5  # the same where a search found no name for it
 _FALLS = 2.0  # times less than what is left, or by one mistake less: what a model lacks may do less
 _PAIRED = ("rad", "deg", "h", "mm", "m", "cm", "inch")  # units in which tables of whole machines are written
-_USUAL = (*_PAIRED, "gon", "")
+_USUAL = (*_PAIRED, "rev", "gon", "")
 _CALM = 1.3  # times the noise: where calibration leaves less, no mistake is looked for
 _OF_FEW = 20.0  # constraints: of so few what is left falls twice as far by chance
 _ROWS_A_PARAMETER = 4.0  # at least: of fewer a fit is near to any table
@@ -160,16 +161,27 @@ def refuse_wild(formulation: Formulation) -> None:
             continue
         few = kind.on(kind.data.rows(np.unique(np.linspace(0, n - 1, min(n, _ROWS)).astype(int))))
         q = Model(few).quantities()[0]
-        for part, cures_of, them in ((_OF_ALL, _in_part, "many"), (0.5, _cures, "the"), (0.5, _two_units, "the")):
-            misfit = _misfit(few, q, part)
-            if not misfit > FAR:
-                continue
-            best, cures = mistakes.likely(cures_of(few, q, kind), _ALIKE)
-            if best < min(_NEAR, misfit / _BETTER):
-                raise DataError(
-                    f"{kind.data.name}: {them} readings are as far from the model as shuffled ones ({plain(misfit, 2)} "
-                    f"of their misfit), and near to it ({plain(best, 2)}) {mistakes.OR_AS_NEAR.join(cures)}"
-                )
+        _refuse_part(kind)
+        misfit = _misfit(few, q)
+        for cures_of in (_cures, _two_units) if misfit > FAR else ():
+            _refuse("the readings", kind, misfit, cures_of(few, q, kind))
+
+
+def _refuse(readings: str, kind: Formulation, misfit: float, cures: Iterable[tuple[float, str]]) -> None:
+    """Raise `DataError` where one of some cures, each with what it leaves, brings readings near to the model."""
+    best, words = mistakes.likely(cures, _ALIKE)
+    if best < min(_NEAR, misfit / _BETTER):
+        raise DataError(
+            f"{kind.data.name}: {readings} are as far from the model as shuffled ones ({plain(misfit, 2)} of their "
+            f"misfit), and near to it ({plain(best, 2)}) {mistakes.OR_AS_NEAR.join(words)}"
+        )
+
+
+def _refuse_part(whole: Formulation) -> None:
+    """Raise `DataError` where many rows are far from the model, and near to it without a mistake in these alone."""
+    misfit = _misfit(whole, Model(whole).quantities()[0], _OF_ALL)
+    if misfit > FAR:
+        _refuse("many readings", whole, misfit, _in_part(whole))
 
 
 def as_far_as_shuffled(formulation: Formulation, x: Array) -> bool:
@@ -316,10 +328,10 @@ def _refuse_start(
     `made` is what it makes of the table as it stands, None where it `refused`. The likelier mistakes come first.
     """
 
-    def misfit(changes: Mapping[str, Numbers]) -> float:
-        few = np.unique(np.linspace(1, len(data) - 2, min(len(data), _ROWS)).astype(int))
+    def misfit(one: Mistake, rows: int = _ROWS) -> float:
+        few = np.unique(np.linspace(1, len(data) - 2, min(len(data), rows)).astype(int))
         try:
-            there = machine.formulate(data.with_columns(changes).rows(few))
+            there = machine.formulate(data.with_columns(one.columns).rows(few))
             return _misfit(there, Model(there).quantities()[0])
         except DataError:
             return np.inf
@@ -327,15 +339,23 @@ def _refuse_start(
     now = np.inf if made is None else _misfit(made, Model(made).quantities()[0])
     if not now > _BESIDE_START:
         return
+    third = len(data) // 3
+    for rows in np.split(np.arange(len(data)), (third, -third))[::2] if third >= _LEAST else ():
+        with suppress(MisfitError):  # a part of the rows that is sound tells the machine by which others are judged
+            there = machine.formulate(data.rows(rows))
+            if {column.name for column in read} <= {*there.readings, *inputs_of(there)}:
+                _refuse_part(there.on(data))
     found = _mistakes_of_table(machine, data, read)[0]
     first = [one for one in found if len(one.columns) > 1 and one.kind is not Kind.ROWS]
     for some in (first, [one for one in found if one not in first]):
-        best, cures = mistakes.likely(((misfit(one.columns), one) for one in some), _ALIKE)
+        near = [one for one in some if misfit(one, _FEW) < _ALIKE * _NEAR]
+        best, cures = mistakes.likely(((misfit(one), one) for one in near), _ALIKE)
         if best < min(_NEAR, now / _BETTER):
-            near = f"near to it ({plain(best, 2)})"
             far = f"{data.name}: the readings are far from the model ({plain(now, 2)} of the misfit of shuffled ones)"
-            said = f"{refused}; the readings are {near}" if refused else f"{far}, and {near}"
-            raise DataError(f"{said} {mistakes.OR_AS_NEAR.join(_words(one, data) for one in cures)}")
+            said = f"{refused}; the readings are" if refused else f"{far}, and"
+            raise DataError(
+                f"{said} near to it ({plain(best, 2)}) {mistakes.OR_AS_NEAR.join(_words(one, data) for one in cures)}"
+            )
 
 
 def _cures_of_table(
@@ -358,9 +378,11 @@ def _cures_of_table(
     def enough(best: float) -> bool:
         return best < now / falls and not off * best / now > _FAR_OUT
 
-    best, cures = among([one] for one in found)
+    # where the machine refuses the table no single one brings it near: the start was looked at
+    best, cures = among([one] for one in found if made is not None)
     if made is None or off > _FALLS:
         units = [one for one in found if one.unit in _PAIRED and tuple(one.columns) in groups]
+        units = [one for one in units if made is not None or len(one.columns) > 1]
         two = among(pair for pair in combinations(units, 2) if not {*pair[0].columns} & {*pair[1].columns})
         best, cures = two if two[0] < best / falls else (best, cures)
     if made is not None and shifts and not enough(best):
@@ -464,7 +486,7 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers], whole: Formulatio
         yield _misfit(first, {**at, **one.columns}), _words(one, first.data)
 
 
-def _in_part(_few: Formulation, _q: Mapping[str, Numbers], whole: Formulation) -> Iterator[tuple[float, str]]:
+def _in_part(whole: Formulation) -> Iterator[tuple[float, str]]:
     """Yield the same of mistakes of the first rows or the last: units, and rows that are off after one was lost."""
     q, n = Model(whole).quantities()[0], len(whole.data)
     order = np.random.default_rng(0)

@@ -13,6 +13,7 @@ from calibench.bench import read_measured
 from calibench.core.notes import Code
 from calibench.discrepancy import DataError, MeasuredData, Predicted, explain, machines, procedure
 from calibench.discrepancy.checks.validate import refuse_mistaken, validate
+from calibench.discrepancy.machines.gpm2002 import formulation
 from calibench.problems.base import Parameter
 from tests.independent import delta, mount
 
@@ -37,6 +38,7 @@ def refusal(machine, data, check=validate):
     return str(told.value)
 
 
+LEGS = ("enc_1", "enc_2", "enc_3")
 HOURS, RAD = 15.0, 180 / np.pi
 IN_HOURS, IN_RAD = dict.fromkeys(ANGLES[::2], HOURS), dict.fromkeys(ANGLES, RAD)
 
@@ -122,14 +124,35 @@ def test_what_a_machine_lacks_is_no_mistake_of_its_table():
         (True, lambda c: {n: c[n] / 1000 for n in "xy"}, 'units={"x": "m", "y": "m"}'),
         (True, lambda c: {"enc_1": np.roll(c["enc_1"], 1)}, "enc_1 is taken from the row after"),
         (False, lambda c: {"enc_1": c["enc_2"], "enc_2": c["enc_1"]}, "enc_1 and enc_2 are exchanged"),
+        (True, lambda c: {n: c[n] / (2 * np.pi) for n in LEGS}, 'units={"enc_1": "rev", "enc_2": "rev"'),
+        (
+            True,
+            lambda c: {n: c[n] / np.where(np.arange(len(c[n])) < 99, 1000, 1) for n in "xy"},
+            "if x, y are multiplied by 1000 up to row 99: they look like m there",
+        ),
+        (
+            True,
+            lambda c: {n: np.delete(c[n], 255 if n in "xy" else -1) for n in c},
+            "or as near if x, y are taken from the row before from row 256 on: there one is missing",
+        ),
     ],
-    ids=["exchanged", "all signs", "metres", "a row late", "angles alone"],
+    ids=["exchanged", "all signs", "metres", "a row late", "angles alone", "turns", "a part in m", "a row lost"],
 )
 def test_readings_of_a_machine_that_finds_its_own_start_are_told_with_what_cures_them(tracked, change, said):
     made = case(5, family="backlash", lam=3.0, noise="gauss", xy=tracked)
     line = refusal("gpm2002", MeasuredData({**made.columns, **change(made.columns)}, "gpm2002", made.metadata, "run"))
     assert said in line
     assert "is added to enc_3" not in line
+
+
+def test_a_table_without_a_cure_is_refused_after_few_starts(monkeypatch):
+    made, starts, refined = case(5, family="backlash", lam=3.0, noise="gauss", xy=True), [], formulation._refined
+    monkeypatch.setattr(formulation, "_refined", lambda *of: starts.append(1) or refined(*of))
+    order = np.random.default_rng(1)
+    mixed = {name: order.permutation(made.columns[name]) for name in LEGS}
+    line = refusal("gpm2002", MeasuredData({**made.columns, **mixed}, "gpm2002", made.metadata, "run"))
+    assert line.endswith("is metadata nominal that of this machine?")
+    assert len(starts) < 700
 
 
 def test_a_search_that_finds_no_numbers_ends_in_a_line(monkeypatch):

@@ -9,10 +9,9 @@ configuration. What makes a fit meaningless is a `DataError`; what only costs so
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import chain, product
 from typing import Any, final
 
 import numpy as np
@@ -252,9 +251,10 @@ def _closing_offsets(
         return {}, float(np.median(np.abs(_missed(formulation, q, free, begin)[0]).max(axis=1)))
     near, miss = _refined(formulation, q, free, begin)
     if not (stated and miss < 3.0):
-        far, other = begin, np.inf
-        for place in chain.from_iterable(_scan(formulation, q, free, steps) for steps in _STEPS):
+        far, other, ends = begin, np.inf, list[Array]()
+        for place in _places(formulation, q, free, ends):
             end, left = _refined(formulation, q, free, place)
+            ends.append(end)
             if left < other:
                 far, other = end, left
             if other < _CLOSED:
@@ -263,6 +263,18 @@ def _closing_offsets(
             near, miss = far, other
     turns = 2 * np.pi * np.round((begin - near) / (2 * np.pi))
     return dict(zip(free, (near + turns).tolist())), miss
+
+
+def _places(
+    formulation: Formulation, q: dict[str, Array], free: tuple[str, ...], ends: Sequence[Array]
+) -> Iterator[Array]:  # fmt: skip
+    """Yield where offsets are looked for; of those that ended last every leg tells its own, where each has a place."""
+    for steps in _STEPS:
+        yield from _scan(formulation, q, free, steps)
+        if len(formulation.readings) > 3:
+            missed = np.stack([np.median(np.abs(_missed(formulation, q, free, z)[0]), axis=0) for z in ends[-2:]])
+            better = np.argmin(missed, axis=0)
+            yield np.array([ends[-2:][better[int(name[1]) - 1]][k] for k, name in enumerate(free)])
 
 
 def _scan(formulation: Formulation, q: dict[str, Array], free: tuple[str, ...], steps: int) -> list[Array]:
@@ -283,8 +295,7 @@ def _scan(formulation: Formulation, q: dict[str, Array], free: tuple[str, ...], 
         missed = np.minimum(np.nan_to_num(np.abs(power) / np.sqrt(spread), nan=_WILD), _WILD).mean(axis=1)
     if not apart:
         return list(grid[np.argsort(missed[:, 0])[:_TRIED]])
-    best = [turn[np.argsort(missed[:, int(name[1]) - 1])[:2]] for name in free]
-    return [np.array(choice) for choice in product(*best)]
+    return list(np.stack([turn[np.argsort(missed[:, int(name[1]) - 1])[:2]] for name in free], axis=1))
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # elbows in line: a step there is refused by its miss
