@@ -76,9 +76,9 @@ def moved(columns: Columns, name: str, by: float) -> Mistake:
     return Mistake(Kind.ZERO, {name: columns[name] + by}, by)
 
 
-def exchanged(columns: Columns, one: str, other: str) -> Mistake:
-    """Return two columns, each under the name of the other."""
-    return Mistake(Kind.EXCHANGED, {one: columns[other], other: columns[one]})
+def exchanged(columns: Columns, *names: str) -> Mistake:
+    """Return columns of which each stands under the name of the one before, and the first under that of the last."""
+    return Mistake(Kind.EXCHANGED, {name: columns[names[k - len(names) + 1]] for k, name in enumerate(names)})
 
 
 def a_row_off(columns: Columns, names: Iterable[str], rows: int) -> Mistake:

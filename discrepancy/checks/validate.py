@@ -24,7 +24,7 @@ from calibench.core.words import as_columns, listed, plain
 from calibench.discrepancy.checks.wild import formulated, refuse_wild, without_wild, without_wild_rows
 from calibench.discrepancy.model.formulations import Constraints
 from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.measured import PLACE, DataError, MeasuredData, number_visits
+from calibench.discrepancy.model.measured import PLACE, DataError, MeasuredData, kinds_of, number_visits
 from calibench.discrepancy.model.roles import columns_of, inputs_of, roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.registries import description_of, descriptions, families
 
@@ -121,12 +121,42 @@ def with_unread(machine: str, data: MeasuredData, read: Collection[str] = ()) ->
 
 def _tame(formulation: Formulation) -> Formulation:
     """Return the formulation without rows that no machine of its kind can give; refuse data that are far off."""
-    refuse_wild(formulation)
-    apart, text = rows_apart(formulation)
-    if text:
-        data = formulation.data
-        formulation = formulation.on(data.rows(~apart).with_note(Code.ROWS_WILD, text, rows=data.labels(apart)))
+    for rows_out in (rows_stopped, rows_apart):
+        out, text = rows_out(formulation)
+        if text:
+            data = formulation.data
+            formulation = formulation.on(data.rows(~out).with_note(Code.ROWS_WILD, text, rows=data.labels(out)))
+        if rows_out is rows_stopped:
+            refuse_wild(formulation)
     return without_wild_rows(formulation)
+
+
+_STOPPED = 5  # poses at the least at which a sensor gives one value, and times as many rows as it does elsewhere
+
+
+def rows_stopped(formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
+    """Return the first or last rows, (n,), in which an instrument kept one value while all else moved; and a note."""
+    data, reads = formulation.data, getattr(formulation, "reads", None)
+    joints = {joint.reading for joint in roles_of(formulation).joints}
+    out = np.zeros(len(data), dtype=bool)
+    for names in (tuple(sensor.column for sensor in kind) for kind in kinds_of(formulation.sensors)):
+        others = [name for name in (*formulation.readings, *inputs_of(formulation)) if name not in names]
+        rows = np.flatnonzero(np.all([reads(name) for name in names], axis=0)) if reads else np.arange(len(data))
+        if joints & {*names} or not others or len(rows) < _LEAST:
+            continue
+        read, moves = (np.column_stack([data[name][rows] for name in some]) for some in (names, others))
+        same = np.concatenate([[0], np.cumsum((np.diff(read, axis=0) != 0).any(axis=1))])  # numbers of runs
+        long = np.bincount(same)
+        for run in {0, same[-1]}:
+            there, usual = same == run, np.delete(long, run).max(initial=0)
+            poses = len(np.unique(moves[there], axis=0))
+            if poses < _STOPPED * max(usual, 1) or len(long) < _DIFFERENT:
+                continue
+            out[rows[there]] = True
+            at, are = ", ".join(plain(v, 5) for v in read[there][0]), "stays" if len(names) == 1 else "stay"
+            text = f"{', '.join(names)} {are} at {at} while the machine moves, as of a sensor that has stopped"
+            return out, f"{data.rows_named(out)} left out: {text}; measure them again, or mark them valid=0"
+    return out, ""
 
 
 _FORMULATE = "formulate(data), which returns Predicted(...) or Constraints(...)"

@@ -553,6 +553,9 @@ def _mistakes(
         yield mistakes.reversed_in(columns, names)
     for both in dict.fromkeys(pair for names in alike for pair in combinations(names, 2)):
         yield mistakes.exchanged(columns, *both)
+    for three in dict.fromkeys(names for names in alike if len(names) == 3):
+        yield mistakes.exchanged(columns, *three)
+        yield mistakes.exchanged(columns, *reversed(three))
 
 
 def _stated(data: MeasuredData) -> dict[str, str]:
@@ -572,6 +575,8 @@ def _words(mistake: Mistake, data: MeasuredData) -> str:
         row = data.rows_named(np.array([first or end - 1]))
         where = f" from {row} on" if first else f" up to {row}"
     if mistake.kind is Kind.EXCHANGED:
+        if len(names) > 2:
+            return f"if {', '.join(f'{a} is called {b}' for a, b in zip(names[1:] + names[:1], names))}"
         return f"if {names[0]} and {names[1]} are exchanged: each may stand under the name of the other"
     if mistake.kind is Kind.ROWS:
         after, late = ("after", "late") if by < 0 else ("before", "early")

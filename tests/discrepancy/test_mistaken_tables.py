@@ -12,7 +12,7 @@ from benchmarks.blind.gpm2002.simulate import case
 from calibench.bench import read_measured
 from calibench.core.notes import Code
 from calibench.discrepancy import DataError, MeasuredData, Predicted, explain, machines, procedure
-from calibench.discrepancy.checks.validate import refuse_mistaken, validate
+from calibench.discrepancy.checks.validate import refuse_mistaken, rows_stopped, validate
 from calibench.discrepancy.machines.gpm2002 import formulation
 from calibench.problems.base import Parameter
 from tests.independent import delta, mount
@@ -124,6 +124,11 @@ def test_what_a_machine_lacks_is_no_mistake_of_its_table():
         (True, lambda c: {n: c[n] / 1000 for n in "xy"}, 'units={"x": "m", "y": "m"}'),
         (True, lambda c: {"enc_1": np.roll(c["enc_1"], 1)}, "enc_1 is taken from the row after"),
         (False, lambda c: {"enc_1": c["enc_2"], "enc_2": c["enc_1"]}, "enc_1 and enc_2 are exchanged"),
+        (
+            True,
+            lambda c: {"enc_1": c["enc_2"], "enc_2": c["enc_3"], "enc_3": c["enc_1"]},
+            "if enc_2 is called enc_3, enc_1 is called enc_2, enc_3 is called enc_1",
+        ),
         (True, lambda c: {n: c[n] / (2 * np.pi) for n in LEGS}, 'units={"enc_1": "rev", "enc_2": "rev"'),
         (
             True,
@@ -136,7 +141,17 @@ def test_what_a_machine_lacks_is_no_mistake_of_its_table():
             "or as near if x, y are taken from the row before from row 256 on: there one is missing",
         ),
     ],
-    ids=["exchanged", "all signs", "metres", "a row late", "angles alone", "turns", "a part in m", "a row lost"],
+    ids=[
+        "exchanged",
+        "all signs",
+        "metres",
+        "a row late",
+        "angles alone",
+        "in turn",
+        "turns",
+        "a part in m",
+        "a row lost",
+    ],
 )
 def test_readings_of_a_machine_that_finds_its_own_start_are_told_with_what_cures_them(tracked, change, said):
     made = case(5, family="backlash", lam=3.0, noise="gauss", xy=tracked)
@@ -192,3 +207,54 @@ def test_all_cures_that_fit_alike_are_told():
     line = refusal(CoreXY(), MeasuredData({"a": a, "b": b, "x": y, "y": x}, "corexy"))
     assert "if b is multiplied by -1" in line
     assert "or as near if x and y are exchanged" in line
+
+
+def of_core(n=120):
+    rng = np.random.default_rng(3)
+    a, b = rng.uniform(10, 280, (2, n))
+    x, y = 1.001 * (a + b) / 2 + 0.02 * rng.normal(size=n), 0.9985 * (a - b) / 2 + 0.02 * rng.normal(size=n)
+    return {"a": a, "b": b, "x": x, "y": y}
+
+
+@pytest.mark.parametrize(("rows", "named"), [(slice(100, None), "rows 101, 102"), (slice(12), "rows 1, 2, 3")])
+def test_a_sensor_that_has_stopped_is_told_and_its_rows_are_left_out(rows, named):
+    columns = of_core()
+    for name in "xy":
+        columns[name][rows] = columns[name][rows][0]
+    data = validate(CoreXY(), MeasuredData(columns, "corexy")).data
+    [note] = [note for note in data.notes if note.code is Code.ROWS_WILD]
+    assert note.text.startswith(named)
+    assert "while the machine moves, as of a sensor that has stopped" in note.text
+    assert len(data) == 120 - len(note.rows)
+
+
+def test_a_machine_that_stands_still_or_a_coarse_sensor_is_no_sensor_that_has_stopped():
+    still, coarse = of_core(), of_core()
+    for column in still.values():
+        column[100:] = column[100]
+    coarse = {name: column if name in "ab" else 50 * np.round(column / 50) for name, column in coarse.items()}
+    for columns in (still, coarse):
+        assert not rows_stopped(CoreXY().formulate(MeasuredData(columns, "corexy")))[0].any()
+
+
+def test_two_wrong_units_of_a_machine_are_told_together():
+    columns = of_core()
+    columns |= {name: columns[name] / 1000 for name in "ab"} | {name: columns[name] / 10 for name in "xy"}
+    data = MeasuredData(columns, "corexy", units=dict.fromkeys("abxy", "mm"))
+    assert "if a, b are multiplied by 1000" in (line := refusal(CoreXY(), data))
+    assert "x, y are multiplied by 10" in line
+
+
+def test_a_part_of_the_rows_in_another_unit_and_a_lost_row_are_told():
+    columns = of_core()
+    columns["x"][70:] /= 1000
+    assert "if x is multiplied by 1000 from row 71 on" in refusal(CoreXY(), MeasuredData(columns, "corexy"))
+    columns = {name: np.delete(column, 50 if name in "ab" else -1) for name, column in of_core().items()}
+    line = refusal(CoreXY(), MeasuredData(columns, "corexy"))  # the row without a partner is row 51
+    assert "if a, b are taken from the row before from row 52 on: there one is missing" in line
+
+
+def test_a_mesh_of_heights_is_refused_with_what_a_row_needs():
+    mesh = {f"column_{k}": np.linspace(0, 0.2, 7) for k in range(1, 8)}
+    line = refusal("delta", MeasuredData(mesh, "delta", PRINTER.metadata, "mesh"))
+    assert "travel_a, travel_b and travel_c; a mesh of heights in rows and columns does not tell where" in line

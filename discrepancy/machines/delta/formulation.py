@@ -219,8 +219,10 @@ def accepted(data: MeasuredData) -> MeasuredData:
         for word in sorted(set(kind.tolist()) - set(_KINDS)):
             raise DataError(f"{data.name}: column kind holds {word!r}; height or distance is needed")
     elif not any(name in data for name in _KINDS):
-        needs = "height or distance, and the ways of the carriages, travel_a, travel_b and travel_c"
-        raise DataError(f"{data.name}: column height is missing; a row needs {needs}")
+        needs = "a row needs height or distance, and the ways of the carriages, travel_a, travel_b and travel_c"
+        if not any(name.startswith(("travel_", "steps_")) for name in data.columns):
+            needs += "; a mesh of heights in rows and columns does not tell where they were read"
+        raise DataError(f"{data.name}: column height is missing; {needs}")
     else:
         known = np.isfinite(data["distance"]) if "distance" in data else np.zeros(len(data), dtype=bool)
         kind = np.where(known, "distance", "height")
