@@ -483,7 +483,7 @@ def _mistakes(readings: Readings, chain: Chain) -> Iterator[Sequence[Mistake]]:
 def _in_part(readings: Readings, chain: Chain) -> Iterator[Sequence[Mistake]]:
     """Yield mistakes of the last rows, or the first: units, and rows that are out of step after one was lost."""
     n, columns, (angles, rails) = len(readings), _columns(readings, chain), _kinds_of(readings, chain)
-    if readings.position is None or readings.loci is not None or n < _PARTS * _LEAST_PART:
+    if readings.position is None or readings.loci is not None or n < _PARTS * mistakes.FEW:
         return
     every, places = [*angles, *rails], [*readings.matched.position.values()]
     mixed = [(unit, UNITS[unit] / UNITS[taken]) for unit, taken in _MIXED]
@@ -501,7 +501,8 @@ def _in_part(readings: Readings, chain: Chain) -> Iterator[Sequence[Mistake]]:
             return np.asarray(np.sqrt(((frames.scale * meant.position - there) ** 2).sum(axis=1)))
 
         as_read = left({})
-        found += [mistakes.in_part(one, columns, as_read, left(one.columns), bool(some.start)) for one in whole]
+        for one in whole:
+            found += mistakes.in_part(one, columns, as_read, left(one.columns), bool(some.start))
     yield found
 
 
@@ -626,7 +627,7 @@ _ROUNDS, _FAR = 4, 6.0  # times the median of what is left: a reading beyond has
 _BETTER = 0.2  # of the misfit of the table as it stands: one change of an arm that is merely not calibrated gains less
 _AS_WELL = 2.0  # times the misfit of the best change: one that leaves less may be meant as well
 _SOUND = 0.85  # of the poses must lie near to where the others have the arm
-_PARTS, _LEAST_PART = 3, 8  # of the rows a part is sound where another is mistaken, and has so many rows at least
+_PARTS = 3  # of the rows the first or the last is sound where a part is mistaken
 _IN = {"deg": "degrees", "rad": "rad, and not in degrees as the file states", "rev": "turns"}
 _AS_NEAR = 1.2  # times what the best cure of a file leaves: one that leaves less may be meant as well
 _STRAIGHT = 1e-3  # rad: an alpha that is nearer to a multiple of a quarter turn is one

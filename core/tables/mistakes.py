@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Columns = Mapping[str, Any]  # name -> numbers, (n,)
 T = TypeVar("T")
+FEW = 8  # rows at least of a part that is mistaken, and of the rest
 MOST, OR_AS_NEAR = 3, "; or as near "  # cures that a message names, and what stands between them
 
 
@@ -86,14 +87,15 @@ def a_row_off(columns: Columns, names: Iterable[str], rows: int) -> Mistake:
     return Mistake(Kind.ROWS, {name: np.roll(columns[name], rows) for name in names}, rows)
 
 
-def in_part(mistake: Mistake, read: Columns, sound: Array, cured: Array, first: bool) -> Mistake:
-    """Return a mistake in the `first` rows only, or in the last, of what was `read`.
+def in_part(mistake: Mistake, read: Columns, sound: Array, cured: Array, first: bool) -> list[Mistake]:
+    """Return a mistake in the `first` rows only, or in the last, of what was `read`; none where these are few or all.
 
     It is in as many as leave least, where `sound` (n,) is what each row leaves as it was read, and `cured` without it.
     """
     gain = np.concatenate([[0.0], np.cumsum(cured - sound)])  # of rows that are read as they stand, before this one
     begin = int(np.argmin(gain) if first else np.argmax(gain))
-    return mistake.within(read, *((0, begin) if first else (begin, len(sound))))
+    part = (0, begin) if first else (begin, len(sound))
+    return [mistake.within(read, *part)] if FEW <= part[1] - part[0] <= len(sound) - FEW else []
 
 
 def likely(tried: Iterable[tuple[float, T]], times: float) -> tuple[float, list[T]]:

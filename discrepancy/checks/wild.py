@@ -488,22 +488,23 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers], whole: Formulatio
 
 def _in_part(whole: Formulation) -> Iterator[tuple[float, str]]:
     """Yield the same of mistakes of the first rows or the last: units, and rows that are off after one was lost."""
-    q, n = Model(whole).quantities()[0], len(whole.data)
-    order = np.random.default_rng(0)
-    shuffled = whole.constraints({name: order.permutation(v) if np.ndim(v) else v for name, v in q.items()})
-    size = np.median(np.abs(shuffled), axis=0) + _TINY
+    q, order = Model(whole).quantities()[0], np.random.default_rng(0)
+    mixed = {name: order.permutation(value) if np.ndim(value) else value for name, value in q.items()}
+
+    def off(columns: Mapping[str, Numbers]) -> Array:
+        with np.errstate(all="ignore"):
+            return np.asarray(np.abs(whole.constraints({**q, **columns})))
+
+    size = np.nanmedian(off(mixed), axis=0) + _TINY
 
     def left(columns: Mapping[str, Numbers]) -> Array:
-        return np.asarray(
-            np.nan_to_num(np.minimum(np.abs(whole.constraints({**q, **columns})) / size, 1.0)).sum(axis=1)
-        )
+        return np.asarray(np.nan_to_num(np.minimum(off(columns) / size, 1.0), nan=1.0).sum(axis=1))
 
     as_read = left({})
     for one in [one for one in _mistakes_of(whole, q)[0] if one.kind is Kind.UNIT] + _rows_off(whole, q):
         cured = left(one.columns)
-        for part in (mistakes.in_part(one, q, as_read, cured, first) for first in (False, True)):
-            if part.rows and _LEAST <= part.rows[1] - part.rows[0] <= n - _LEAST:
-                yield _misfit(whole, {**q, **part.columns}, _OF_ALL), _words(part, whole.data)
+        for part in (part for first in (False, True) for part in mistakes.in_part(one, q, as_read, cured, first)):
+            yield _misfit(whole, {**q, **part.columns}, _OF_ALL), _words(part, whole.data)
 
 
 def _two_units(few: Formulation, q: Mapping[str, Numbers], _whole: Formulation) -> Iterator[tuple[float, str]]:
