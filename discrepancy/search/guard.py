@@ -1,11 +1,12 @@
 """The guard against causes that no catalogue has: a name stands where its form is confirmed, not where none refuses it.
 
 Without its own name a cause brings the nearest ones. What they explain is compared, by marginal likelihood, with smooth
-errors of the same part over what was met: Gaussian processes over one column or over two. Three accounts are weighed.
-The names, each off its formula by as much as formulas are; the names beside a smooth error that is no form of theirs,
-as it follows columns that they do not know, or is larger; and one smooth error instead of them. Several causes that
-meet on one part are rare, a foreign cause that several names share is not: they must explain far more than one
-function. A likelihood counts the numbers that a function needs, so no error is held out, and few rows do not decide.
+errors of the same part over what was met: Gaussian processes over one column, two, or all that the names follow. Three
+accounts are weighed. The names, each off its formula by as much as formulas are; the names beside a smooth error that
+is no form of theirs, as it follows columns that they do not know, or is larger; and one smooth error instead of them.
+Several causes that meet on one part are rare, a foreign cause that several names share is not: they must explain far
+more than one function. A likelihood counts the numbers that a function needs, so no error is held out, and few rows do
+not decide.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 _WAVES, _SIDE = 24, 7  # cosines over one column, and along each side of two
+_SLOWEST = 100  # waves of a function of more than two columns
 _LENGTHS = (0.08, 0.16, 0.32, 0.64)  # of a column's range
 _SIZES = np.geomspace(0.05, 100.0, 14)  # of a smooth error, in standard deviations of the noise
 _OFF = np.array([0.0, 0.2, 0.4, 0.67, 1.0])  # sizes of the error of a form, parts of what formulas may be off
@@ -82,7 +84,7 @@ def with_doubts(
     doubts: dict[str, Caution] = {}
     for own in (*groups.values(), *together):
         sure = [one for one in own if not one.caution] or own[:1]
-        claims = _causes_of(sure, effects, part)
+        claims = _causes_of(sure, effects, part, at)
         named = [effects[one.effect] for one in sure]
         errors = [effects[one.effect] for one in own if one not in sure]
         curve = _of_one_curve(named, at)
@@ -126,20 +128,30 @@ def _has_sign_of(effect: Effect, column: str, data: MeasuredData) -> bool:
     return len(np.unique(sign)) > 1 and any(np.mean(sign == data[one]) > _SIGN for one in effect.columns)
 
 
-def _causes_of(findings: Sequence[Finding], effects: Mapping[str, Effect], part: Callable[[str], str]) -> int:
-    """Return how many causes names claim: the waves of one curve are one, and one family may act on several parts."""
-    causes: list[tuple[set[str], set[str]]] = []  # the parts and the families, or the waves, of each
+def _causes_of(
+    findings: Sequence[Finding], effects: Mapping[str, Effect], part: Callable[[str], str], at: Fit
+) -> int:  # fmt: skip
+    """Return how many causes names claim: the waves of one curve are one, and one family may act on several parts.
+
+    Terms of one quantity over different columns are no parts of a machine: each claims a cause of its own.
+    """
+    data, recorded = at.model.formulation.data, at.at.recorded
+    causes: list[tuple[set[str], set[str], dict[str, tuple[str, ...]]]] = []  # parts, families or waves, what changes
     for one in findings:
-        wave: Effect | None = getattr(effects[one.effect], "whole", None)
+        effect = effects[one.effect]
+        wave: Effect | None = getattr(effect, "whole", None)
         families = {one.family, *(rival.family for rival in one.set)} if wave is None else {*wave.coefficients}
         place = part(one.target)
-        for parts, kinds in causes:
-            if kinds & families and (wave is not None or place not in parts):
+        changes = dict.fromkeys(effect.basis(recorded, data, at.x[at.model.place_of(effect)]), effect.columns)
+        for parts, kinds, known in causes:
+            apart = place not in parts and all(known.get(name, effect.columns) == effect.columns for name in changes)
+            if kinds & families and (wave is not None or apart):
                 parts.add(place)
                 kinds |= families
+                known |= changes
                 break
         else:
-            causes.append(({place}, families))
+            causes.append(({place}, families, changes))
     return len(causes)
 
 
@@ -170,8 +182,12 @@ def _doubt(
     bent = [{slow.column for one in forms_of(e, at.model.effects) for slow in one.over} - {*e.columns} for e in named]
     more_claims = claims - 1 + (claims > 1) * sum(not one <= own[name_of(e)] for e, one in zip(named, bent))
     least = {True: -t.close / 2 if _is_rich(named[0]) else 0.0 if slow else np.inf}
+    # a function of three columns is rarer than one of two, as a further cause is
     least[False] = t.close / 2 - _FURTHER * more_claims
-    ahead, columns = max((one.alone - exact - least[{*one.columns} <= same], one.columns) for one in tried)
+    rare = {one.columns: _FURTHER * max(min(len(one.columns) - 2, more_claims), 0) for one in tried}
+    ahead, columns = max(
+        (one.alone - exact - least[{*one.columns} <= same] - rare[one.columns], one.columns) for one in tried
+    )
     if ahead > 0:
         return columns, True
     return (rest.columns if more - within > (t.further_gain + t.close) / 2 else ()), False
@@ -223,10 +239,13 @@ def accounts(
     def smooth(*names: str) -> list[list[_Error]]:
         if len(names) == 1:
             return part.errors(*waves[names[0]], 1)
-        (first, slow), (second, fast) = (sides[name] for name in names)
-        squares = (slow[:, None] ** 2 + fast**2).ravel()
+        one, squares = np.ones((len(data), 1)), np.zeros(1)
+        for other, fast in (sides[name] for name in names):
+            squares = (squares[:, None] + fast**2).ravel()
+            slowest = np.sort(np.argsort(squares, kind="stable")[:_SLOWEST])
+            one, squares = product(one, other)[:, slowest], squares[slowest]
         some = squares > 0 if squares.any() else np.ones(len(squares), dtype=bool)
-        return part.errors(product(first, second)[:, some], np.sqrt(squares[some]), 2)
+        return part.errors(one[:, some], np.sqrt(squares[some]), len(names))
 
     def account(columns_of: Iterable[tuple[str, ...]]) -> list[Account]:
         known = {names: once(partial(smooth, *names), fixed, "errors", len(named), names, law) for names in columns_of}
@@ -235,7 +254,10 @@ def accounts(
     tried = account((name,) for name in columns)
     best = sorted(tried, key=lambda one: -max(one.larger, one.alone))[:_TOP]
     met = {name for names in own.values() for name in names} | {one.columns[0] for one in best}
-    return tried + account(pair for pair in combinations(columns, 2) if met & {*pair}), own
+    tried += account(pair for pair in combinations(columns, 2) if met & {*pair})
+    # names over more columns than two may share one function of all of them
+    known = tuple(name for name in columns if any(name in e.columns for e in named))
+    return tried + account([known] if len(known) > 2 else []), own
 
 
 @final

@@ -11,6 +11,7 @@ from calibench import discrepancy
 from calibench.bench.measured import read_measured
 from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.machines.table import Table
+from calibench.discrepancy.report import Doubt
 from calibench.problems.suites.nist.regression import table
 from tests.few import few
 
@@ -304,3 +305,18 @@ def test_a_formula_over_the_clock_is_of_this_run_alone():
         data = MeasuredData({"t": t, "u": u, "y": y}, "table", {}, "made", units=units)
         formula = discrepancy.explain(Table(measured="y", sigma=0.05), data).formula
         assert formula.over_time == told
+
+
+@pytest.mark.parametrize(("cause", "plain"), [(lambda far: np.exp(-far), False), (lambda far: far, True)])
+def test_one_function_of_three_columns_is_no_three_names(cause, plain):
+    """A bell over u, v and w is no sum of functions of each; the sum of three squares is one."""
+    rng = np.random.default_rng(0)
+    u, v, w = rng.uniform(-1, 1, (3, 150))
+    far = cause(u**2 + v**2 + w**2)
+    y = u + 0.5 * v - 0.7 * w + 0.03 * (far - far.mean()) / far.std() + 0.01 * rng.standard_normal(150)
+    machine = Table("linear", measured="y", inputs=("u", "v", "w"), sigma=0.01)
+    report = discrepancy.explain(machine, MeasuredData({"u": u, "v": v, "w": w, "y": y}, "table", {}, "made"))
+    assert {finding.family for finding in report.findings} == {"power"}
+    assert len(report.findings) == 3
+    assert report.verdict == ("named" if plain else "partly")
+    assert all([one.code for one in f.caution] == [Doubt.ONE_CAUSE] * (not plain) for f in report.findings)
