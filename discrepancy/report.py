@@ -19,17 +19,18 @@ from calibench.core.tables.columns import is_table, named_columns
 from calibench.core.words import html_table
 from calibench.discrepancy.diagnostics.smooth_term import smooth_columns
 from calibench.discrepancy.fitting.fit import ResidualProblem
-from calibench.discrepancy.model.effect import Untestable
+from calibench.discrepancy.model.effect import Effect, OfAnotherRun, Untestable
 from calibench.discrepancy.model.formulations import BLOCK
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured import TO_PREDICT, DataError, MeasuredData
 from calibench.discrepancy.model.model import Model
-from calibench.discrepancy.model.roles import inputs_of, roles_of
+from calibench.discrepancy.model.roles import inputs_of, is_clock, roles_of
 from calibench.discrepancy.registries import description_of, machines
 from calibench.problems.base import Array
 
 SCHEMA_VERSION = 1
 _ROUNDS, _SETTLED = 50, 1e-12  # an instrument whose scale is wrong makes its own reading part of what it will read
+_UNNAMED, _TIMES = ("smooth", "formula"), 100  # what describes a run, and times of it over which its mean is taken
 _OF_THE_SEARCH = ("candidates", "fitted")  # parts that a report keeps to itself
 Verdict = Literal["none", "negligible", "noise", "named", "ambiguous", "partly", "unknown"]
 CarriedVerdict = Literal["carries", "does not carry", "not testable there"]
@@ -427,6 +428,8 @@ class Report:
             each = {str(name): np.atleast_1d(readings[name]) for name in readings.keys()}  # noqa: SIM118  # of pandas
             given = named_columns(each, "readings", at.model.formulation.data.columns)
             readings = MeasuredData(given.columns, self.machine, name="readings", units=given.units)
+        if readings.name == MeasuredData.name:  # nobody named them, so nothing tells that they are of the same run
+            readings = replace(readings, name="readings")
         with np.errstate(invalid="ignore"):  # what is not known of a row makes its prediction NaN
             return predicted_at(at.model, at.best, at.fit.covariance(), plain.best, readings, maker)
 
@@ -479,7 +482,9 @@ class Prediction:
     rows that hold no measured value. A machine that predicts has one measured column in each constraint, with a slope
     of 1 or -1: its prediction is that column less the constraint. For one that states only constraints, `measured` is
     empty, and `residuals` are the constraints at the new readings. `beyond` is column -> (n,) of booleans, for inputs
-    and columns of the findings of which some rows lie outside what was fitted: there `sd` is too small.
+    and columns of the findings of which some rows lie outside what was fitted: there `sd` is too small. Rows that are
+    no `MeasuredData` under the name of those that were searched are of another run, and outside where a finding follows
+    the clock: of a smooth curve or a formula over it no more than the mean is in their prediction.
     """
 
     measured: Mapping[str, Array] = field(default_factory=dict)
@@ -500,7 +505,7 @@ def predicted_at(
         raise DataError(f"{data.name}: there are no rows to predict")
     there, known = _placed(model.formulation, data, machine)
     there = there.on(there.data.with_columns(smooth_columns(there, start)))
-    at = Model(there, model.effects)
+    at = Model(there, _elsewhere(model, there.data))
     order = np.argsort(there.data[TO_PREDICT]) if TO_PREDICT in there.data else np.arange(len(there.data))
     # the sign of each reading in the constraints, (n, c) of 1, -1 and 0
     each = at.formulation.slopes(at.quantities(x)[1])
@@ -522,7 +527,7 @@ def predicted_at(
         left = np.asarray(at.formulation.constraints(at.quantities(x)[1])).real
         change = {name: (sign * left).sum(axis=1) for name, sign in signs.items()}
         found = {name: found[name] - change[name] for name in found}
-        at = Model(there.on(there.data.with_columns(found)), model.effects)
+        at = Model(there.on(there.data.with_columns(found)), at.effects)
         if all(np.max(np.abs(change[n])) <= _SETTLED * (1 + np.max(np.abs(found[n]))) for n in found):
             break
     recorded, true = at.quantities(x)
@@ -539,6 +544,20 @@ def predicted_at(
     )  # fmt: skip
 
 
+def _elsewhere(model: Model, new: MeasuredData) -> tuple[Effect, ...]:
+    """Return the effects of a model for `new` rows: in another run the unnamed ones over its own clock are their mean.
+
+    Nothing but its name tells that a row is of the run that was fitted: another run may have the same times.
+    """
+    run, effects = model.formulation.data, []
+    some = np.unique(np.linspace(0, len(run) - 1, _TIMES).round().astype(int))
+    for effect in model.effects:
+        unnamed = effect.family in _UNNAMED and new.name != run.name
+        clock = {c: np.asarray(run[c])[some] for c in effect.columns if unnamed and is_clock(c, model.formulation)}
+        effects.append(OfAnotherRun(effect, clock) if clock else effect)
+    return tuple(effects)
+
+
 def _beyond(model: Model, new: MeasuredData, order: NDArray[np.intp]) -> dict[str, NDArray[np.bool_]]:
     """Return the columns of which `new` rows lie outside what was fitted, and which rows."""
     fitted = model.formulation.data
@@ -546,7 +565,8 @@ def _beyond(model: Model, new: MeasuredData, order: NDArray[np.intp]) -> dict[st
     found = {}
     for name in (c for c in fitted.columns if c in met and c in new and c not in model.formulation.readings):
         if fitted[name].dtype.kind in "iuf":
-            found[name] = ((new[name] < np.min(fitted[name])) | (new[name] > np.max(fitted[name])))[order]
+            other = new.name != fitted.name and is_clock(name, model.formulation)
+            found[name] = (other | (new[name] < np.min(fitted[name])) | (new[name] > np.max(fitted[name])))[order]
     return {name: out for name, out in found.items() if out.any()}
 
 

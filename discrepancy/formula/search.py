@@ -29,7 +29,7 @@ from calibench.discrepancy.formula.grammar import Atom, FormulaEffect, Run, Term
 from calibench.discrepancy.labels import quantity_of
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.model import Model
-from calibench.discrepancy.model.roles import columns_of, inputs_of, roles_of
+from calibench.discrepancy.model.roles import columns_of, inputs_of, is_clock, roles_of
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.report import Amplitude, Coefficient, Formula, FormulaRival
 from calibench.discrepancy.search.smoother import fit_smooth, left_out
@@ -251,8 +251,6 @@ def _told(
     share = float(np.clip((best.T - k) / excess, 0.0, 1.0)) if excess > 0 else nan
     changed = effect.shift(final.at.recorded, final.model.formulation.data, c)
     reachable = {name: float(np.max(np.abs(change))) for name, change in changed.items()}
-    data = final.model.formulation.data
-    clocks = (np.all(np.diff(data[u]) > 0) for u in effect.columns if data.units.get(u) == "s")  # of a single trial
     return Formula(
         text=grammar.formula_text(terms), sizes=sizes, numbers=tuple(numbers),
         intervals=tuple(
@@ -260,7 +258,7 @@ def _told(
         ),
         largest=tuple(Amplitude(v, search.unit(n)) for n, v in reachable.items()),
         changes=tuple(reachable), share=share, smooth_beside=final.model.effects[-1] is not effect,
-        over_time=roles_of(final.model.formulation).time in effect.columns or any(clocks),
+        over_time=any(is_clock(u, final.model.formulation) for u in effect.columns),
         rivals=tuple(FormulaRival(grammar.formula_text(r.terms), best.worth - r.worth) for r in rivals),
         structure=tuple(
             (t.quantity, *(f"{a.shape} {a.column}" for a in sorted(t.atoms, key=lambda a: a.column))) for t in terms

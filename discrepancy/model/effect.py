@@ -9,8 +9,8 @@ between visits; the procedure keeps the best, charges it `positions`, and may lo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from operator import attrgetter
 from typing import Any, Protocol, cast, final, runtime_checkable
 
@@ -63,6 +63,45 @@ class Effect(Protocol):
 
     def amplitude(self, c: Array) -> float:
         """Return the size an engineer quotes, in `unit`, of coefficients of shape (k,)."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class OfAnotherRun:
+    """An `Effect` over the clock of one run, in another: its mean over times that were met, `clock` name -> (m,)."""
+
+    of: Effect
+    clock: Mapping[str, Array]
+    family: str = field(init=False)
+    target: str = field(init=False)
+    formula: str = field(init=False)
+    channel: str = field(init=False)
+    columns: tuple[str, ...] = field(init=False)
+    coefficients: tuple[str, ...] = field(init=False)
+    units: tuple[str, ...] = field(init=False)
+    unit: str = field(init=False)
+    twins: tuple[str, ...] = field(init=False)
+    positions: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        vars(self).update({one.name: getattr(self.of, one.name) for one in fields(self) if not one.init})
+
+    def amplitude(self, c: Array) -> float:
+        return self.of.amplitude(c)
+
+    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        return self._mean([self.of.shift(q, there, c) for there in self._at(data)])
+
+    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        return self._mean([self.of.basis(q, there, c) for there in self._at(data)])
+
+    def _at(self, data: MeasuredData) -> Iterator[MeasuredData]:
+        for values in zip(*self.clock.values()):
+            yield data.with_columns({name: np.full(len(data), value) for name, value in zip(self.clock, values)})
+
+    @staticmethod
+    def _mean(changes: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+        return {name: np.asarray(np.mean([change[name] for change in changes], axis=0)) for name in changes[0]}
 
 
 @final

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from math import inf
 from typing import Literal, TypeVar, final
 
+import numpy as np
+
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured import DataError
 
@@ -178,6 +180,16 @@ def columns_of(roles: Roles) -> tuple[str, ...]:
 def drifts_of(roles: Roles) -> tuple[str, ...]:
     """Return the columns over which a parameter may be another one: no part of the machine is read by them."""
     return tuple(dict.fromkeys(c for c in (*roles.columns, roles.temperature, roles.time) if c))
+
+
+def is_clock(column: str, formulation: Formulation) -> bool:
+    """Return whether a column tells when in its run a row was read: time that goes on, or a number that counts rows."""
+    data = formulation.data
+    if column not in data or column == roles_of(formulation).time:
+        return column in data
+    u = np.asarray(data[column])
+    counts = u.dtype.kind in "iuf" and not np.ptp(u - data.row_numbers)
+    return bool(counts or (data.units.get(column) == "s" and np.all(np.diff(u) > 0)))
 
 
 def words_of(roles: Roles) -> dict[str, str]:

@@ -14,6 +14,7 @@ from calibench.bench.measured.sources import sources
 from calibench.discrepancy import DataError, Instrument, Joint, Length, MeasuredData, Predicted, Roles
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.machines.orthoglide.formulation import planned
+from calibench.discrepancy.machines.table import Table
 from calibench.discrepancy.report import predicted_at
 from calibench.problems.base import Parameter
 
@@ -187,3 +188,20 @@ def test_a_row_of_which_an_input_is_not_known_has_no_prediction(report):
     told = report.predict({"angle": [0.1, float("nan")], "load": [5.0, 5.0]})
     for values in told.measured.values():
         assert np.isfinite(values).tolist() == [True, False]
+
+
+def test_a_smooth_course_over_the_clock_says_nothing_of_another_run(without_formula):
+    """The zero wanders while 150 rows are read; in the next run, numbered alike, it wanders otherwise."""
+    part, u = np.linspace(0, 1, 150), np.random.default_rng(2).uniform(-1, 1, 150)
+    wander = 0.4 * np.sign(np.sin(7 * part)) * np.exp(part) * np.abs(np.sin(9 * part**2))
+    y = 1 + 2 * u + wander + 0.05 * np.random.default_rng(3).standard_normal(150)
+    data = MeasuredData({"row": np.arange(1, 151), "u": u, "y": y}, "table", {}, "monday")
+    report = discrepancy.explain(Table("line", measured="y", inputs=("u",), sigma=0.05), data)
+    assert (report.verdict, report.unnamed[0].covariate) == ("unknown", "row")
+    here, there = report.predict(data), report.predict(replace(data, name="tuesday"))
+    assert here.beyond == {}
+    assert np.std(here.residuals) < 0.5 * np.std(wander)
+    assert {name: out.all() for name, out in there.beyond.items()} == {"row": True}
+    np.testing.assert_allclose(there.measured["y"], 1 + 2 * u + np.mean(wander), atol=0.05)
+    unnamed = report.predict({"row": data["row"], "u": u})
+    np.testing.assert_allclose(unnamed.measured["y"], there.measured["y"], rtol=1e-12)

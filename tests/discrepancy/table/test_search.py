@@ -2,6 +2,7 @@
 
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -303,8 +304,10 @@ def test_a_formula_over_the_clock_is_of_this_run_alone():
     for units, told in (({"t": "s"}, True), ({}, False)):
         y = 3.0 * u * np.exp(-t / 600) + 0.05 * rng.standard_normal(N)
         data = MeasuredData({"t": t, "u": u, "y": y}, "table", {}, "made", units=units)
-        formula = discrepancy.explain(Table(measured="y", sigma=0.05), data).formula
-        assert formula.over_time == told
+        report = discrepancy.explain(Table(measured="y", sigma=0.05), data)
+        assert report.formula.over_time == told
+        here, there = (report.predict(replace(data, name=name)).measured["y"] for name in ("made", "other"))
+        np.testing.assert_allclose(there, np.mean(3.0 * np.exp(-t / 600)) * u if told else here, atol=0.1)
 
 
 @pytest.mark.parametrize(("cause", "plain"), [(lambda far: np.exp(-far), False), (lambda far: far, True)])
