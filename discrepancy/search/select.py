@@ -14,7 +14,7 @@ import numpy as np
 
 from calibench.discrepancy.diagnostics import score
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
-from calibench.discrepancy.fitting.fit import Fit, fit_once, once, project_off
+from calibench.discrepancy.fitting.fit import Fit, fit_once, once, orthonormal, project_off
 from calibench.discrepancy.fitting.journal import kept_step
 from calibench.discrepancy.model import effect as effects
 from calibench.discrepancy.model.effect import Effect, is_possible, name_of
@@ -23,6 +23,7 @@ from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.thresholds import thresholds
 
 _DECIMALS = 6  # of a gain: beyond them is rounding
+_FULL = 1e-10  # of the largest singular value, below which a direction is rounding
 _SAME = 1e-6  # part of a cost: two fits that differ by less have the same signature but for rounding
 
 
@@ -257,14 +258,15 @@ def close(found: Sequence[Option]) -> tuple[Option, ...]:
 def spared(o: Option, top: Option) -> float:
     """Return the part of the best one's gain that is not counted against an option: no formula is exact physics.
 
-    A formula with more numbers has no such allowance. One with fewer has: what the error of its form leaves, because
+    A formula with more numbers has no such allowance, but where it is a twin over other columns: then only the price of
+    its numbers tells them apart, and that is no reading. One with fewer has: what the error of its form leaves, because
     the richer formula may fit better only as it absorbs that error.
     """
     numbers = len(o.effect.coefficients) - len(top.effect.coefficients)
     if o.effect.positions > top.effect.positions and abs(o.fit.cost - top.fit.cost) <= _SAME * top.fit.cost:
         return top.gain - o.gain  # it changes just when the other one does: one place, and the same signature
     if numbers > 0:
-        return 0.0
+        return max(o.paid - top.paid, 0.0) if _is_twin(o, top) else 0.0
     if numbers == 0:
         return thresholds().form * top.gain
     # less the gain of a signal that is so large a part of the best one
@@ -272,6 +274,17 @@ def spared(o: Option, top: Option) -> float:
     if not top.fit.noise.profiled or top.gain <= 0:
         return top.gain - part * top.gain
     return top.gain - -count * float(np.log1p(part * np.expm1(-top.gain / count)))
+
+
+def _is_twin(o: Option, top: Option) -> bool:
+    """Return whether an option over other columns than the best one has its signature, beside calibration."""
+    J, k = o.fit.J, len(o.effect.coefficients)
+    if {*o.effect.columns} & {*top.effect.columns} or not len(J) == len(top.fit.J) > 0:
+        return False
+    own = len(top.effect.coefficients)
+    trace = top.fit.J[:, -own:] @ top.fit.x[-own:]
+    seen, rest = (project_off(trace, orthonormal(part, _FULL), times=2) for part in (J[:, :-k], J))
+    return bool(rest @ rest < thresholds().form * (seen @ seen))
 
 
 def fit_with(base: Fit, effects: Sequence[Effect]) -> Fit:

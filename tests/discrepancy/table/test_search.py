@@ -323,3 +323,14 @@ def test_one_function_of_three_columns_is_no_three_names(cause, plain):
     assert len(report.findings) == 3
     assert report.verdict == ("named" if plain else "partly")
     assert all([one.code for one in f.caution] == [Doubt.ONE_CAUSE] * (not plain) for f in report.findings)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_twin_over_another_column_is_a_rival_though_it_has_more_numbers(seed):
+    """The torque grows with the distance from the middle of the table: its square is a parabola of the way."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(0, 400, 120)
+    y = 6e-7 * (x - 200) ** 2 + 0.005 * rng.standard_normal(120)
+    data = MeasuredData({"x": x, "torque": np.abs(x - 200) / 100, "y": y}, "table", {}, "mill")
+    [finding] = discrepancy.explain(Table(measured="y", sigma=0.005), data).findings
+    assert {"power torque squared", "power x squared"} <= {rival.effect for rival in finding.set}
