@@ -558,7 +558,9 @@ def _of_one(mistake: Mistake, readings: Readings, chain: Chain) -> Note:
         cure = cure if by_table else "turn its axis, or its readings"
         text = f"if joint {joint} {'slides' if slides else 'turns'} the other way than in the {chain.source}: {cure}"
         return Note(Code.JOINT_REVERSED, text, names, values={"joint": joint})
-    cure = as_columns({f"q_{joint}": names[1], f"q_{others[0]}": names[0]})
+    by_order = any(note.code is Code.COLUMNS_MATCHED and {*names} <= {*note.columns} for note in matched.notes)
+    every = {f"q_{name}": column for name, column in matched.joints.items()} if by_order else {}
+    cure = as_columns(every | {f"q_{joint}": names[1], f"q_{others[0]}": names[0]})
     or_names = ", or their names in the table" if by_table else ""
     text = f"if the columns of joints {joint} and {others[0]} are exchanged{or_names}: {cure}"
     return Note(Code.JOINTS_EXCHANGED, text, names[::-1], values={"joints": [joint, *others]})

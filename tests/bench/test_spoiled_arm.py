@@ -1,5 +1,7 @@
 """One sound file spoiled as people spoil it: `calibrate` and `discover` name the same mistake and the same cure."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -123,6 +125,16 @@ def test_what_is_no_mistake_that_is_known_is_told_as_another_arm(folder):
     with pytest.raises(DataError, match=r"machine\.tip=") as refused:
         calibench.calibrate(folder / "my.urdf", np.column_stack([mixed, seen]), names=[*NAMES, *"xyz"])
     assert refused.value.note.code is Code.OTHER_ARM
+
+
+def test_joints_that_were_taken_in_order_are_all_named_where_two_are_exchanged(folder):
+    q, seen = exchanged(*measured(60)[:2])
+    readings = np.column_stack([q, seen])
+    names = [*(f"q{k}" for k in range(1, 7)), *"xyz"]
+    with pytest.raises(DataError, match=r"joints joint_2 and joint_3 are exchanged") as refused:
+        calibench.calibrate(folder / "my.urdf", readings, names=names)
+    cure = json.loads(str(refused.value).partition("columns='")[2].partition("'")[0])
+    assert calibench.calibrate(folder / "my.urdf", readings, names=names, columns=cure)
 
 
 def test_a_ball_in_sockets_tells_the_same_mistakes(folder, tmp_path):

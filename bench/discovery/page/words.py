@@ -126,7 +126,8 @@ def formula_sentences(report: Report) -> list[str]:
     of = "what the names leave" if report.findings else "what is more than noise"
     rest = ", and smooth curves take a part of the rest" if one.smooth_beside else ""
     said = [f"No cause of the catalogue; {one.text}: {', '.join(numbers)}."]
-    said.append(f"The formula changes {_join(most)} and explains {share(one.share)} of {of}{rest}; it is in the model.")
+    explains = "" if isnan(one.share) else f" and explains {share(one.share)} of {of}{rest}"
+    said.append(f"The formula changes {_join(most)}{explains}; it is in the model.")
     if one.over_time:
         said.append("It follows the time of this run: another run need not repeat it.")
     if one.rivals:
