@@ -37,7 +37,8 @@ NOT_HELD_OUT = "no rows are held out: the gap on unseen poses is by cross-valida
 def looked_at(machine: Machine, data: MeasuredData) -> Formulation:
     """Return the formulation of readings that are not searched yet, such as those of a plan; rows may be copies."""
     refuse_no_machine(machine)
-    return _tame(formulated(machine, entered(data)))
+    data = entered(data)
+    return _tame(_without_stopped(machine, data, formulated(machine, data)))
 
 
 def refuse_mistaken(machine: Machine, data: MeasuredData) -> None:
@@ -59,7 +60,9 @@ def validate(machine: Machine, data: MeasuredData) -> Formulation:
     formulation = formulated(machine, _in_order(data))
     copies, note = copied_rows(data, rows, formulation)
     if copies.any():
-        formulation = machine.formulate(_in_order(data.rows(~copies)))
+        data = data.rows(~copies)
+        formulation = machine.formulate(_in_order(data))
+    formulation = _without_stopped(machine, data, formulation)
     if note is not None:
         formulation = formulation.on(replace(formulation.data, notes=(*formulation.data.notes, note)))
     # only predictions are the same at the same inputs; constraints need not be
@@ -121,21 +124,35 @@ def with_unread(machine: str, data: MeasuredData, read: Collection[str] = ()) ->
 
 def _tame(formulation: Formulation) -> Formulation:
     """Return the formulation without rows that no machine of its kind can give; refuse data that are far off."""
-    for rows_out in (rows_stopped, rows_apart):
-        out, text = rows_out(formulation)
-        if text:
-            data = formulation.data
-            formulation = formulation.on(data.rows(~out).with_note(Code.ROWS_WILD, text, rows=data.labels(out)))
-        if rows_out is rows_stopped:
-            refuse_wild(formulation)
+    refuse_wild(formulation)
+    out, text = rows_apart(formulation)
+    if text:
+        data = formulation.data
+        formulation = formulation.on(data.rows(~out).with_note(Code.ROWS_WILD, text, rows=data.labels(out)))
     return without_wild_rows(formulation)
+
+
+def _without_stopped(machine: Machine, data: MeasuredData, formulation: Formulation) -> Formulation:
+    """Return what the machine makes of the data without the rows of a sensor that has stopped: they tell nothing of it.
+
+    The machine is asked again, as what its parameters are told by depends on its rows.
+    """
+    out, text = rows_stopped(formulation)
+    if not text:
+        return formulation
+    there = formulation.data
+    again = machine.formulate(_in_order(data.rows(~np.isin(data.row_numbers, there.row_numbers[out]))))
+    return again.on(again.data.with_note(Code.ROWS_WILD, text, rows=there.labels(out)))
 
 
 _STOPPED = 5  # poses at the least at which a sensor gives one value, and times as many rows as it does elsewhere
 
 
 def rows_stopped(formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
-    """Return the first or last rows, (n,), in which an instrument kept one value while all else moved; and a note."""
+    """Return the first or last rows, (n,), in which an instrument kept one value while all else moved; and a note.
+
+    Of the last ones the first is not among them: there the value was read.
+    """
     data, reads = formulation.data, getattr(formulation, "reads", None)
     joints = {joint.reading for joint in roles_of(formulation).joints}
     out = np.zeros(len(data), dtype=bool)
@@ -152,7 +169,7 @@ def rows_stopped(formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
             poses = len(np.unique(moves[there], axis=0))
             if poses < _STOPPED * max(usual, 1) or len(long) < _DIFFERENT:
                 continue
-            out[rows[there]] = True
+            out[rows[np.flatnonzero(there)[1 if run else 0 :]]] = True
             at, are = ", ".join(plain(v, 5) for v in read[there][0]), "stays" if len(names) == 1 else "stay"
             text = f"{', '.join(names)} {are} at {at} while the machine moves, as of a sensor that has stopped"
             return out, f"{data.rows_named(out)} left out: {text}; measure them again, or mark them valid=0"

@@ -216,7 +216,7 @@ def of_core(n=120):
     return {"a": a, "b": b, "x": x, "y": y}
 
 
-@pytest.mark.parametrize(("rows", "named"), [(slice(100, None), "rows 101, 102"), (slice(12), "rows 1, 2, 3")])
+@pytest.mark.parametrize(("rows", "named"), [(slice(100, None), "rows 102, 103"), (slice(12), "rows 1, 2, 3")])
 def test_a_sensor_that_has_stopped_is_told_and_its_rows_are_left_out(rows, named):
     columns = of_core()
     for name in "xy":
@@ -226,6 +226,7 @@ def test_a_sensor_that_has_stopped_is_told_and_its_rows_are_left_out(rows, named
     assert note.text.startswith(named)
     assert "while the machine moves, as of a sensor that has stopped" in note.text
     assert len(data) == 120 - len(note.rows)
+    assert len(note.rows) == len(columns["x"][rows]) - (rows.start is not None)  # of the last ones one was read
 
 
 def test_a_machine_that_stands_still_or_a_coarse_sensor_is_no_sensor_that_has_stopped():
