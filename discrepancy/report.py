@@ -30,7 +30,8 @@ from calibench.problems.base import Array
 
 SCHEMA_VERSION = 1
 _ROUNDS, _SETTLED = 50, 1e-12  # an instrument whose scale is wrong makes its own reading part of what it will read
-_UNNAMED, _TIMES = ("smooth", "formula"), 100  # what describes a run, and times of it over which its mean is taken
+_OF_A_RUN = ("smooth", "formula", "power", "polynomial", "drift")  # ends of families that tell nothing of another run
+_TIMES = 100  # of a run, over which the mean of what follows its clock is taken
 _OF_THE_SEARCH = ("candidates", "fitted")  # parts that a report keeps to itself
 Verdict = Literal["none", "negligible", "noise", "named", "ambiguous", "partly", "unknown"]
 CarriedVerdict = Literal["carries", "does not carry", "not testable there"]
@@ -484,7 +485,7 @@ class Prediction:
     empty, and `residuals` are the constraints at the new readings. `beyond` is column -> (n,) of booleans, for inputs
     and columns of the findings of which some rows lie outside what was fitted: there `sd` is too small. Rows that are
     no `MeasuredData` under the name of those that were searched are of another run, and outside where a finding follows
-    the clock: of a smooth curve or a formula over it no more than the mean is in their prediction.
+    the clock: of a curve, a formula or a drift over it no more than the mean is in their prediction.
     """
 
     measured: Mapping[str, Array] = field(default_factory=dict)
@@ -545,15 +546,15 @@ def predicted_at(
 
 
 def _elsewhere(model: Model, new: MeasuredData) -> tuple[Effect, ...]:
-    """Return the effects of a model for `new` rows: in another run the unnamed ones over its own clock are their mean.
+    """Return the effects of a model for `new` rows: in another run curves and drifts over its own clock are their mean.
 
     Nothing but its name tells that a row is of the run that was fitted: another run may have the same times.
     """
     run, effects = model.formulation.data, []
     some = np.unique(np.linspace(0, len(run) - 1, _TIMES).round().astype(int))
     for effect in model.effects:
-        unnamed = effect.family in _UNNAMED and new.name != run.name
-        clock = {c: np.asarray(run[c])[some] for c in effect.columns if unnamed and is_clock(c, model.formulation)}
+        other = effect.family.endswith(_OF_A_RUN) and new.name != run.name
+        clock = {c: np.asarray(run[c])[some] for c in effect.columns if other and is_clock(c, model.formulation)}
         effects.append(OfAnotherRun(effect, clock) if clock else effect)
     return tuple(effects)
 
