@@ -13,6 +13,14 @@ from calibench.bench.sweep import carry_out, costs
 from calibench.core import user_file
 
 
+@pytest.fixture(scope="session", autouse=True)
+def searches_tell_nothing_meanwhile():
+    """Let no line that a search goes on stand among what a test reads: on a slow machine some take 5 s."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("calibench.bench.discovery.batch._SOON", 3600.0)
+        yield
+
+
 @pytest.fixture
 def fresh(tmp_path, monkeypatch):
     """Return a folder of its own, the working one, with registries and loaded files as in a new process."""
