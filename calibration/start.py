@@ -430,9 +430,11 @@ def rotations_of(angles: Array, order: str) -> Array:
 
 
 UNITS = {"mm": 1.0, "m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
-_MIXED = (  # what a rail or an axis is really in, and what it was taken for
-    ("m", "mm"), ("mm", "m"), ("cm", "mm"), ("mm", "cm"), ("inch", "mm"), ("mm", "inch"), ("m", "cm"), ("cm", "m"),
-)  # fmt: skip
+_MIXED = tuple(  # what a rail or an axis is really in, and by how much that is larger than what it was taken for
+    (unit, UNITS[unit] / UNITS[taken])
+    for pair in (("m", "mm"), ("cm", "mm"), ("inch", "mm"), ("m", "cm"))
+    for unit, taken in (pair, pair[::-1])
+)
 NEAR = 0.2  # part of a unit: few poses of an arm that is not calibrated tell it no better
 APART = 0.08  # part of the arm's reach: readings further off are not of this arm
 _LEAST_APART = 1.0  # mm, of a ball in sockets
@@ -457,9 +459,8 @@ def _mistakes(readings: Readings, chain: Chain) -> Iterator[Sequence[Mistake]]:
     columns, (angles, rails) = _columns(readings, chain), _kinds_of(readings, chain)
     every, places = [readings.matched.joints[name] for name in chain.driven], [*readings.matched.position.values()]
     stated = bool({*angles} & {*readings.table.units})
-    mixed = [(unit, UNITS[unit] / UNITS[taken]) for unit, taken in _MIXED]
     turned = [("deg", np.pi / 180), *[("rad", 180 / np.pi)] * stated, ("rev", 360.0 if stated else 2 * np.pi)]
-    for names, units in ((angles, turned), (rails, mixed)):
+    for names, units in ((angles, turned), (rails, _MIXED)):
         yield from ([one] for one in mistakes.in_units(columns, names, units) if names)
     if readings.position is not None and readings.loci is None:
         yield from ([mistakes.a_row_off(columns, every, rows)] for rows in (1, -1))
@@ -476,7 +477,7 @@ def _mistakes(readings: Readings, chain: Chain) -> Iterator[Sequence[Mistake]]:
             of_joints += mistakes.in_units(columns, [column], turned[1:2])
     yield of_joints + [mistakes.exchanged(columns, *both) for both in combinations(every, 2)]
     if readings.position is not None and places:
-        yield [one for name in places for one in mistakes.in_units(columns, [name], mixed)]
+        yield [one for name in places for one in mistakes.in_units(columns, [name], _MIXED)]
     yield from _in_part(readings, chain)
 
 
@@ -486,9 +487,8 @@ def _in_part(readings: Readings, chain: Chain) -> Iterator[Sequence[Mistake]]:
     if readings.position is None or readings.loci is not None or n < _PARTS * mistakes.FEW:
         return
     every, places = [*angles, *rails], [*readings.matched.position.values()]
-    mixed = [(unit, UNITS[unit] / UNITS[taken]) for unit, taken in _MIXED]
     turned = [("deg", np.pi / 180), ("rad", 180 / np.pi)]
-    whole = [*mistakes.in_units(columns, angles, turned), *mistakes.in_units(columns, places, mixed)]
+    whole = [*mistakes.in_units(columns, angles, turned), *mistakes.in_units(columns, places, _MIXED)]
     whole += [mistakes.a_row_off(columns, every, rows) for rows in (1, -1)]
     poses, found = forward(chain, nominal(chain), readings.joints), []
     for some in (slice(n // _PARTS), slice(n - n // _PARTS, n)):  # of the rows the part that is sound
@@ -510,17 +510,16 @@ def _told(mistake: Mistake, readings: Readings, chain: Chain, unit: str) -> Note
     """Return what a mistake is, its text as the end of "readings and arm lie 300 mm apart, and 1 mm ..."; positions
     that were taken for mm are in this `unit` besides.
     """
-    note, names = _of_one(mistake, readings, chain), [*readings.matched.position.values()]
+    (note, units), names = _of_one(mistake, readings, chain), [*readings.matched.position.values()]
     if unit == "mm" or not {*names} & {*"xyz", *readings.table.units}:
-        return note
-    how, units, cure = note.text.partition(": units=")
+        return replace(note, text=f"{note.text}: {units}") if units else note
     beside, theirs = f"{', '.join(names)} in {unit}", as_units(names, unit)
-    both = f"{how} and {beside}{units}{cure},{theirs.removeprefix('units=')}"
+    both = f"{note.text} and {beside}: {units},{theirs.removeprefix('units=')}"
     return replace(note, text=both if units else f"{note.text}; with {beside} besides: {theirs}")
 
 
-def _of_one(mistake: Mistake, readings: Readings, chain: Chain) -> Note:
-    """Return what one mistake is."""
+def _of_one(mistake: Mistake, readings: Readings, chain: Chain) -> tuple[Note, str]:
+    """Return what one mistake is, and the word units= that cures it; "" where another cure stands in the note."""
     names, unit, matched = tuple(mistake.columns), mistake.unit, readings.matched
     first, end = mistake.rows or (0, len(readings))
     some = f"from {readings.label(first)} on" if first else f"up to {readings.label(end - 1)}"
@@ -528,19 +527,19 @@ def _of_one(mistake: Mistake, readings: Readings, chain: Chain) -> Note:
     if mistake.rows and mistake.kind is Kind.UNIT:
         code = Code.JOINT_UNIT if {*names} & {*matched.joints.values()} else Code.POSITION_UNIT
         text = f"with {', '.join(names)} in {unit} {some}, and as they are in the other rows: bring all to one unit"
-        return Note(code, text, names, rows, {"unit": unit})
+        return Note(code, text, names, rows, {"unit": unit}), ""
     if mistake.kind is Kind.ROWS:
         text = f"if the readings of each row's joints stand in the row {'below' if mistake.by > 0 else 'above'}"
         text += f" {some}: there a row is missing, or one too many" if mistake.rows else ""
-        return Note(Code.ROWS_OUT_OF_STEP, text, rows=rows, values={"rows": int(mistake.by)})
+        return Note(Code.ROWS_OUT_OF_STEP, text, rows=rows, values={"rows": int(mistake.by)}), ""
     axis = next((axis for axis, name in matched.position.items() if name in names), None)
     if axis and mistake.kind is Kind.SIGN:
         text = f"if x, y and z are those of a left-handed frame: {_left_handed(matched.position)}"
-        return Note(Code.LEFT_HANDED, text, tuple(matched.position.values()))
+        return Note(Code.LEFT_HANDED, text, tuple(matched.position.values())), ""
     if axis:
         other = next(one for one, size in UNITS.items() if np.isclose(mistake.by * size, UNITS[unit]))
-        text = f"if {names[0]} is in {unit} where the others are in {other}: units={names[0]}:{unit}"
-        return Note(Code.POSITION_UNIT, text, names, values={"axis": axis, "unit": unit})
+        text = f"if {names[0]} is in {unit} where the others are in {other}"
+        return Note(Code.POSITION_UNIT, text, names, values={"axis": axis, "unit": unit}), f"units={names[0]}:{unit}"
 
     joint, *others = [next(joint for joint, name in matched.joints.items() if name == one) for one in names]
     angles, rails = _kinds_of(readings, chain)
@@ -548,22 +547,22 @@ def _of_one(mistake: Mistake, readings: Readings, chain: Chain) -> Note:
     if mistake.kind is Kind.UNIT:
         how = f"joint {joint} alone in {unit}" if len(names) < len(angles) else f"joints in {_IN[unit]}"
         how = f"{', '.join(rails)} in {unit}" if slides else how
-        return Note(Code.JOINT_UNIT, f"with {how}: {as_units(names, unit)}", names, values={"unit": unit})
+        return Note(Code.JOINT_UNIT, f"with {how}", names, values={"unit": unit}), as_units(names, unit)
     if mistake.kind is Kind.ZERO:
         degrees = round(float(np.rad2deg(mistake.by)), 9)
         text = f"if {degrees:g}° are added to joint {joint}: its zero is not that of the {chain.source}"
-        return Note(Code.JOINT_SHIFTED, text, names, values={"joint": joint, "degrees": degrees})
+        return Note(Code.JOINT_SHIFTED, text, names, values={"joint": joint, "degrees": degrees}), ""
     if mistake.kind is Kind.SIGN:
         cure = "change the sign of its column, or the alphas that point its axis"
         cure = cure if by_table else "turn its axis, or its readings"
         text = f"if joint {joint} {'slides' if slides else 'turns'} the other way than in the {chain.source}: {cure}"
-        return Note(Code.JOINT_REVERSED, text, names, values={"joint": joint})
+        return Note(Code.JOINT_REVERSED, text, names, values={"joint": joint}), ""
     by_order = any(note.code is Code.COLUMNS_MATCHED and {*names} <= {*note.columns} for note in matched.notes)
     every = {f"q_{name}": column for name, column in matched.joints.items()} if by_order else {}
     cure = as_columns(every | {f"q_{joint}": names[1], f"q_{others[0]}": names[0]})
     or_names = ", or their names in the table" if by_table else ""
     text = f"if the columns of joints {joint} and {others[0]} are exchanged{or_names}: {cure}"
-    return Note(Code.JOINTS_EXCHANGED, text, names[::-1], values={"joints": [joint, *others]})
+    return Note(Code.JOINTS_EXCHANGED, text, names[::-1], values={"joints": [joint, *others]}), ""
 
 
 def _columns(readings: Readings, chain: Chain) -> dict[str, Array]:
