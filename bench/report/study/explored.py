@@ -70,9 +70,7 @@ def explored(
 ) -> dict[str, Any]:
     """Return the numbers of a study as plain values, for `as_json`."""
     panel_of = np.repeat(np.arange(len(panels)), [len(panel.runs) for panel in panels])
-    lists = ["targets", "hits_charged", "parameter_values", "merit"]  # of 1e5 runs a copy of these has 30 MB
-    every = [panel.runs.drop(columns=lists, errors="ignore") for panel in panels]
-    runs = pd.concat(every, ignore_index=True).assign(panel=panel_of)
+    runs = pd.concat([panel.runs for panel in panels], ignore_index=True).assign(panel=panel_of)
     runs["method"], runs["plain"] = method_labels(runs), method_names(runs)
     runs["cell"] = runs.groupby(CELL, sort=False, dropna=False).ngroup()
     first = runs.drop_duplicates("cell")
